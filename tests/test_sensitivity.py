@@ -15,6 +15,8 @@ from mechanism_examples.named_mechanisms import crank_rocker
 import spherekit as sk
 from analyses.sensitivity import _describe_draws
 from spherekit.cli.main import main
+from spherekit.designs.design_variables import design_variable
+from spherekit.designs.profile_numbers import DesignProfiles
 from spherekit.designs.sensitivity import Sensitivity
 from spherekit.designs.size_deviations import SizeDeviations
 from spherekit.errors import AnalysisError
@@ -23,6 +25,7 @@ from spherekit.files.mechanism_reader import read
 from spherekit.files.number_change import document_of, number_at, number_path, with_numbers
 from spherekit.mechanism.elements import PoseGeometry
 from spherekit.mechanism.joint_construction import make_joints
+from spherekit.numerics.angles import wrap
 from spherekit.plugin import conformance
 from spherekit.positions.loop_closure import Closure
 from spherekit.proof.reference_rows import exact_rows
@@ -399,7 +402,10 @@ def test_the_first_order_is_said_to_be_so_where_it_is_not_enough():
     )
     (remark, _) = run.summary["remarks"]
     assert "to first order (of the draws" in remark and "cannot be" in remark
-    run = sk.run("bevel_differential", "sensitivity:draws=8", samples=2)
+    # With a radius that deviates by many revolutions, no cam is possible.
+    radius = "pairs.contact.profiles.cam.radius"
+    text = f"sensitivity:by={radius},deviations={radius}:1e7deg,draws=8"
+    run = sk.run("roller_cam", text, samples=2)
     (remark, _) = run.summary["remarks"]
     assert "(none of the draws can be assembled)" in remark and "nan" not in remark
     (remark, _) = sk.run("four_bar", "sensitivity:draws=64", samples=13).summary["remarks"]
@@ -746,6 +752,71 @@ def test_draws_of_wheels_are_assembled_after_whole_revolutions():
     ratios = np.sin(np.radians(50.0) + deviations) / np.sin(np.radians(20.0))
     # Only the angles from the first configuration are known without the phase.
     assert angles - angles[0] == pytest.approx(np.outer(motion.q, ratios), abs=1e-9)
+
+
+def test_an_arc_between_the_axes_of_two_wheels_moves_the_linkage_that_they_drive(tmp_path):
+    """Derivatives by the base of a geared five-bar are differences of changed files.
+
+    The wheels are on the axes of link 1. Its arc can change, because the wheels of each
+    file have their radii from the numbers of teeth. The wheels turn at the same ratio.
+    """
+    path = tmp_path / "geared.toml"
+    text = mechanism_text("geared_five_bar")
+    pairs = ["43", "54", "right"]
+
+    def trace_with_base(arc_deg):
+        """Return configurations of the five-bar with another arc of link 1."""
+        path.write_text(text.replace("arcs = [75.0]", f"arcs = [{arc_deg}]"))
+        return sk.trace(sk.load(path), samples=3)
+
+    step_deg = 1e-3
+    larger, smaller = trace_with_base(75.0 + step_deg), trace_with_base(75.0 - step_deg)
+    motion = trace_with_base(75.0)
+    quantities = [f"theta_{pair}" for pair in pairs]
+    sensitivity = Sensitivity(motion.mechanism, ["links.1.arc"], quantities)
+    _, (derivatives,) = sensitivity.at(sample_rows(motion), motion.values)
+    columns = [motion.mechanism.variable_names.index(name) for name in quantities]
+    differences = wrap((larger.values - smaller.values)[:, columns])
+    expected = differences / np.radians(2.0 * step_deg)
+    assert np.allclose(derivatives.T, expected, rtol=0.0, atol=1e-6)
+    assert np.max(np.abs(expected)) > 1.0
+
+
+def test_profiles_of_gears_follow_the_sizes_and_the_phase_of_their_file(tmp_path):
+    """Derivatives of profiles agree with differences of profiles of changed files.
+
+    The radii of the gears follow from the angle between their axes. The arc lengths at
+    which they touch follow from angles of their shafts (`phase`). Another contact has a
+    profile that is not a circle, so numbers of profiles are arguments of kernels.
+    """
+    path = tmp_path / "geared_cam.toml"
+    path.write_text(mechanism_text("geared_cam"))
+    document = document_of(path)
+    keys = (
+        "links.1.arcs.right",
+        "links.1.angle",
+        "pairs.left.zero",
+        "pairs.right.zero",
+        "pairs.mesh.phase.right",
+        "pairs.cam.profiles.2.cosines.1",
+    )
+    variables = [design_variable(document, key) for key in keys]
+    values = np.array([variable.value for variable in variables])
+    profiles = DesignProfiles(document, variables, values)
+    count = len(profiles.mechanism.variable_names)
+    configurations = np.random.default_rng(1).uniform(-1.0, 1.0, (3, count))
+    derivatives = profiles.differentiate_columns(configurations)
+    step_deg = 1e-4
+    for k, steps in enumerate(step_deg * np.eye(len(keys))):
+        larger, smaller = [
+            DesignProfiles(document, variables, design).evaluate_columns(configurations)
+            for design in (values + steps, values - steps)
+        ]
+        differences = (larger - smaller) / (2.0 * step_deg)
+        # The ninth column of each profile is not differentiated.
+        differences = np.delete(differences, np.s_[8::9], axis=0)
+        assert derivatives[k] == pytest.approx(differences, abs=1e-8)
+    assert np.max(np.abs(derivatives[[0, 2, 3, 4]]), axis=(1, 2)).min() > 0.01
 
 
 def test_no_rows_and_no_draws_give_empty_arrays():

@@ -50,6 +50,9 @@ The contact is then where the profiles are nearest to each other. Larger: design
 that of the file are allowed. Smaller: large deviations have no mechanism.
 """
 
+_KEYS_OF_R_PAIRS = frozenset({"axes", "phase"})
+"""Keys of contacts whose values name R pairs on which the profiles or the start depend."""
+
 COLUMN_COUNT = 9
 """Number of columns of a profile: tangent, point, and curvature with two derivatives."""
 
@@ -158,7 +161,9 @@ class DesignProfiles:
         file has a reference pose (known configuration), the pair variable is the length
         rolled from this pose, and the start is the arc length of the contact point in this
         pose. A design variable that changes one of both profiles then changes the start,
-        too. In all other cases the start is treated as constant.
+        too. Without such a pose, the file states the start of a rolling contact, or the
+        angles of two shafts from which the start follows (the key ``phase``). Then all
+        sizes that move these wheels change the start.
 
         Parameters
         ----------
@@ -191,21 +196,25 @@ class DesignProfiles:
             # 2. The start of the profile moves, and the arc length changes with it. The
             # rate of the start is the derivative of the start with respect to the design
             # variable.
-            start_rates = self._start_rates(curve_derivatives)
+            if isinstance(self.mechanism.geometry, PoseGeometry):
+                start_rates = self._start_rates_in_pose(curve_derivatives)
+            else:
+                start_rates = self._start_rates_without_pose(k)
             for index, start_rate in start_rates.items():
                 derivatives[k, index] += start_rate * arc_length_derivatives[index]
         # Join the axes of profiles and of their columns.
         variable_count, profile_count, column_count, n = derivatives.shape
         return derivatives.reshape(variable_count, profile_count * column_count, n)
 
-    def _start_rates(
+    def _start_rates_in_pose(
         self, curve_derivatives: Mapping[int, CurveDerivative]
     ) -> dict[int, float]:
         """Return how the starts of rolling profiles change with a design variable.
 
         A profile is the curve along which a link touches another link. Its start is the arc
-        length at which the pair variable is 0. If the file states a reference pose, this is
-        where both profiles are nearest in this pose. This point moves if a profile changes.
+        length at which the pair variable is 0. The file states a reference pose, and the
+        start is where both profiles are nearest in this pose. This point moves if a profile
+        changes.
 
         Parameters
         ----------
@@ -218,20 +227,80 @@ class DesignProfiles:
         For the index of a profile, the derivative of the start (rad) with respect to the
         design variable. Profiles whose start does not change are left out.
         """
-        if not isinstance(self.mechanism.geometry, PoseGeometry):
-            return {}
         rates: dict[int, float] = {}
-        for index, next_index in pairwise(range(len(self.profiles))):
-            profile = self.profiles[index]
-            next_profile = self.profiles[next_index]
+        for index in self._rolling_contacts:
+            next_index = index + 1
+            profiles = self.profiles[index], self.profiles[next_index]
             derivatives = curve_derivatives.get(index), curve_derivatives.get(next_index)
-            # The two profiles of a rolling contact are neighbours in the list, and have the
-            # same pair variable.
-            is_rolling = profile.variable == next_profile.variable
-            if is_rolling and any(derivatives):
-                start_rates = _nearest_point_rates((profile, next_profile), derivatives)
+            if any(derivatives):
+                start_rates = _nearest_point_rates(profiles, derivatives)
                 rates |= zip((index, next_index), start_rates, strict=True)
         return rates
+
+    @property
+    def _rolling_contacts(self) -> list[int]:
+        """Indices of the first profiles of all rolling contacts."""
+        # The two profiles of a rolling contact are neighbours in the list, and have the
+        # same pair variable.
+        return [
+            index
+            for index, (profile, next_profile) in enumerate(pairwise(self.profiles))
+            if profile.variable == next_profile.variable
+        ]
+
+    def _start_rates_without_pose(self, k: int) -> dict[int, float]:
+        """Return how the starts of rolling profiles change with design variable k.
+
+        A profile is the curve along which a link touches another link. Its start is the arc
+        length at which the pair variable is 0. The file has no reference pose. It states
+        the start, or angles of two shafts from which the start follows.
+
+        The start itself may jump by a circumference between two designs. Therefore the
+        point p of the profile at the start is differentiated. With the variable v, the
+        start s and the unit tangent t,
+
+            dp/dv = partial p/partial v at constant s + t ds/dv.
+
+        Returns
+        -------
+        For the index of a profile, the derivative of the start (rad) with respect to the
+        design variable.
+        """
+        slopes = self._number_slopes[k]
+        if slopes is None:
+            return {}
+        # The last numbers are the points (3 each) at the starts of all profiles.
+        point_slopes = slopes[-3 * len(self.profiles) :].reshape(-1, 3)
+        rates: dict[int, float] = {}
+        for first_index in self._rolling_contacts:
+            for index in (first_index, first_index + 1):
+                frame = _contact_frame(self.profiles[index])
+                point_rate = point_slopes[index]
+                curve_derivative = self._curve_derivatives[k].get(index)
+                if curve_derivative is not None:
+                    columns = curve_derivative(np.array([frame.arc_length]))
+                    point_rate = point_rate - columns[3:6, 0]
+                rates[index] = float(frame.tangent @ point_rate)
+        return rates
+
+    @cached_property
+    def _number_slopes(self) -> list[Floats | None]:
+        """For each design variable, the derivatives of the numbers of all profiles.
+
+        None for a variable that changes no profile. The numbers are those of
+        `_all_profile_numbers`.
+
+        Raises
+        ------
+        DesignError
+            If the file does not allow another value of a variable.
+        """
+        return [
+            self._differentiate_numbers(k)
+            if _can_change_profiles(self.document, variable)
+            else None
+            for k, variable in enumerate(self.variables)
+        ]
 
     @cached_property
     def _curve_derivatives(self) -> list[dict[int, CurveDerivative]]:
@@ -245,11 +314,11 @@ class DesignProfiles:
             If the file does not allow another value of a variable.
         """
         return [
-            self._differentiate_curves(k) if _can_change_profiles(variable) else {}
-            for k, variable in enumerate(self.variables)
+            {} if slopes is None else self._differentiate_curves(slopes)
+            for slopes in self._number_slopes
         ]
 
-    def _differentiate_curves(self, k: int) -> dict[int, CurveDerivative]:
+    def _differentiate_curves(self, slopes: Floats) -> dict[int, CurveDerivative]:
         """Return the derivatives of all contact profiles with respect to a design variable.
 
         A profile is a curve that is defined by numbers, such as its radius. Derivatives of
@@ -257,15 +326,13 @@ class DesignProfiles:
 
         Parameters
         ----------
-        k
-            Index of the design variable.
+        slopes
+            Derivatives of the numbers of all profiles, one profile after another.
 
         Returns
         -------
         For the index of each profile that changes, the derivative of the profile.
         """
-        # Derivatives of the numbers of all profiles, one profile after another.
-        slopes = self._differentiate_numbers(k)
         curve_derivatives: dict[int, CurveDerivative] = {}
         start = 0
         for index, directed_profile in enumerate(list_profiles(self.mechanism)):
@@ -308,6 +375,9 @@ class DesignProfiles:
         """Return the numbers that define all contact profiles of a design, in one array.
 
         A profile is a contact curve. Examples of its numbers are a radius or coefficients.
+        If the file has no reference pose, the points (3 numbers each) of all profiles at
+        their starts follow, in link axes. The start is the arc length at which the variable
+        of a rolling contact is 0.
 
         Parameters
         ----------
@@ -320,9 +390,11 @@ class DesignProfiles:
             If the design is impossible.
         """
         mechanism = make_design(self.document, self.variables, values)
-        return np.concatenate(
-            [profile_numbers(item.profile) for item in list_profiles(mechanism)]
-        )
+        numbers = [profile_numbers(item.profile) for item in list_profiles(mechanism)]
+        if not isinstance(mechanism.geometry, PoseGeometry):
+            profiles = make_contact_profiles(mechanism)
+            numbers += [_contact_frame(profile).point for profile in profiles]
+        return np.concatenate(numbers)
 
 
 def make_contact_profiles(
@@ -347,15 +419,22 @@ def make_contact_profiles(
     ]
 
 
-def _can_change_profiles(variable: DesignVariable) -> bool:
+def _can_change_profiles(document: Document, variable: DesignVariable) -> bool:
     """Return whether a design variable can change contact profiles (touching curves).
 
-    Derivatives of the curves are computed only for these variables. Angles of links and
-    pairs, masses and loads do not change the curves.
+    Derivatives of the curves are computed only for these variables. Masses, loads and
+    directions of outputs do not change the curves. Angles of links and pairs change them
+    only if a contact refers to R pairs: by the axes of gears or cones, by the axis of a
+    roller, or by the angles of shafts at which wheels mesh (the key ``phase``).
     """
     # `path[0]` is the table of the file in which the number is.
-    is_mass_or_load = variable.path[0] in ACTIONS
-    return not (variable.is_angle or is_mass_or_load)
+    table = variable.path[0]
+    if table == "outputs" or table in ACTIONS:
+        return False
+    return not variable.is_angle or any(
+        not _KEYS_OF_R_PAIRS.isdisjoint(pair) or "axis" in pair.get("follower", {})
+        for pair in document.data["pairs"].values()
+    )
 
 
 @dataclass(frozen=True)

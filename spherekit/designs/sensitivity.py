@@ -229,6 +229,12 @@ class Sensitivity:
         """The mechanism with links instead of contacts of circles, if there is one."""
         return find_equivalent_linkage(self.mechanism, self.inputs)
 
+    @property
+    def _has_gear_train(self) -> bool:
+        """Whether wheels roll on each other that are carried by a common link."""
+        linkage = self._equivalent_linkage
+        return linkage is not None and linkage.train is not None
+
     @cached_property
     def _varied(self) -> tuple[VariedMechanism, DesignExpressions]:
         """The mechanism with its sizes as variables, and its expressions.
@@ -240,8 +246,10 @@ class Sensitivity:
            are kept.
         2. In all other cases, links replace the contacts.
 
-        There is one exception to rule 1. If `make_expressions` has no expressions for
-        wheels that roll on each other, links replace the contacts.
+        There is one exception to rule 1. If a size of a link or R pair varies in a gear
+        train, links replace the contacts. Such a size can move the axes of two wheels. With
+        the contacts kept, the wheels would hold their axes at the old distance, and the
+        derivatives would be wrong.
 
         Returns
         -------
@@ -258,8 +266,14 @@ class Sensitivity:
         # An angle here is a size of a link or R pair, not a number of a contact.
         is_angle = np.array([variable.is_angle for variable in self.variables])
         no_contact_varies = np.all(is_angle | self._is_mass_or_load)
+        varies_links = any(
+            variable.is_angle and variable.path[0] != "outputs"
+            for variable in self.variables
+        )
         # 1. The contacts as they are
-        if has_shaped_profiles(self.mechanism) or no_contact_varies:
+        if has_shaped_profiles(self.mechanism) or (
+            no_contact_varies and not (varies_links and self._has_gear_train)
+        ):
             varied_mechanism = VariedMechanism(
                 self.document, self.mechanism, self.variables, self.inputs
             )
@@ -271,9 +285,7 @@ class Sensitivity:
                 )
             except EngineError:
                 # For wheels (a gear train) go on with links in place of contacts.
-                linkage = self._equivalent_linkage
-                has_gear_train = linkage is not None and linkage.train is not None
-                if not has_gear_train:
+                if not self._has_gear_train:
                     raise
         # 2. Links in place of contacts. If a size deviates, the wheels of the reference
         # pose no longer touch exactly. Wheels count as rolling on each other if their gap
