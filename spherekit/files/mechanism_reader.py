@@ -328,12 +328,13 @@ class _MechanismReader:
         return replace(mechanism, pairs=pairs) if pairs != mechanism.pairs else mechanism
 
     def add_actions(self, mechanism: Mechanism) -> Mechanism:
-        """Return a mechanism with the masses, loads and joint limits of the file.
+        """Return a copy of a mechanism with the masses, loads and joint limits of the file.
 
         Parameters
         ----------
         mechanism
-            The mechanism. The masses and loads refer to its links and pairs (joints).
+            The mechanism, as it was read from the other tables of the file. Masses, loads
+            and joint limits refer to its links and pairs (joints).
 
         Raises
         ------
@@ -351,8 +352,8 @@ class _MechanismReader:
                     ("mass", link),
                     f'no link is named "{link}"{choices(link, mechanism.links, "Links")}',
                 )
-        # Masses can be placed by the axes of pairs in their links, which this function
-        # computes at its first call.
+        # The file can state the place of a mass by the axes of pairs in its link. The axes
+        # are computed at the first call of this function, and only if a mass needs them.
         axes_in_links = cache(partial(link_axes, mechanism))
         return replace(
             mechanism,

@@ -436,7 +436,8 @@ class ModesOverRange:
         Elimination reduces the closure equations of a group of links to a polynomial. Its
         roots are all configurations of the group at this input.
 
-        The attribute `crossings` is set: configurations at which curves of modes cross.
+        Two attributes are set: `crossings`, the configurations at which curves of modes
+        cross, and `methods`, how each group was solved.
 
         Returns
         -------
@@ -450,8 +451,7 @@ class ModesOverRange:
         self.crossings = turning_points.crossings
         # Where turning points may have been missed, inputs at this distance are examined.
         step = (high - low) / PROBED_INTERVALS
-        # This sets `methods`: how each group was solved, and whether solutions can be
-        # missing.
+        # `methods` says afterwards whether solutions of a group can be missing.
         self._compute_modes_at(turning_points.probes(step)[:, None])
         if not all_complete(self.methods):
             return None
@@ -460,14 +460,15 @@ class ModesOverRange:
         doubtful_width = turning_points.gap(step)
         if doubtful_width == 0.0:
             return completeness
-        # A mode that begins and ends between two examined inputs is still missing. Two
-        # searches may find it: along the curves beyond the ends of known modes, and from
-        # random starts.
+        # A mode that begins and ends between two examined inputs was not noticed. Two
+        # searches may still show it: along the curves beyond the ends of known modes, and
+        # from random starts.
         self._follow_modes_beyond_their_ends()
         statistics = self._search_from_random_starts()
-        # A component is a connected curve of configurations, with one or more modes.
-        found_components = statistics.describe("components")
-        reason = f"{completeness.reason}; between them {found_components}"
+        # A component is a connected curve of configurations, with one or more modes. The
+        # text says how many components the random starts have shown.
+        components_text = statistics.describe("components")
+        reason = f"{completeness.reason}; between them {components_text}"
         return replace(completeness, reason=reason)
 
     def _compute_modes_at(self, inputs: Floats) -> None:
