@@ -536,21 +536,28 @@ class SensitivityAnalysis(AbstractAnalysis):
         # If two axes of a link are on one line, the derivative with respect to the arc
         # between them is undefined. Such sizes are left out, with a warning unless the user
         # chose the sizes (`by`).
-        if not sensitivity.left_out or self.by:
-            return findings
-        left_out = listing(f"links.{link}" for link in sensitivity.left_out)
-        warning = (
-            f"Sizes of {left_out} are left out: two of its axes are collinear, and the "
-            "loops have no derivative with respect to an arc of 0"
-        )
-        return replace(findings, warnings=(warning,))
+        warnings = [
+            f"{name} has no standard deviation, because its derivatives are unknown at all "
+            "samples (see the column status)"
+            for name in sensitivity.quantities
+            if name not in summary
+        ]
+        if sensitivity.left_out and not self.by:
+            left_out = listing(f"links.{link}" for link in sensitivity.left_out)
+            warnings.append(
+                f"Sizes of {left_out} are left out: two of its axes are collinear, and the "
+                "loops have no derivative with respect to an arc of 0"
+            )
+        return replace(findings, warnings=tuple(warnings))
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the largest spreads of two blocks of rows."""
         largest = merge_largest(before.figures, now.figures, "spread")
         # The last remark says which sizes deviate.
         findings = self._make_findings(largest, now.remarks[-1])
-        return replace(findings, warnings=now.warnings)
+        # A quantity without derivatives in one block of rows can have some in the other.
+        warnings = tuple(text for text in now.warnings if text in before.warnings)
+        return replace(findings, warnings=warnings)
 
     def _describe_sizes(self, sensitivity: Sensitivity) -> str:
         """Return which sizes deviate, and by how much, in words."""

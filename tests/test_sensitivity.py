@@ -865,3 +865,11 @@ def test_no_draws_are_lost_where_an_euler_angle_of_a_contact_is_half_a_turn(tmp_
     text = f"sensitivity:by={sizes}+{radius},deviations={radius}:0,draws=16"
     rows = sk.run(path, text, samples=2).frame("sensitivity", "tolerances")
     assert (rows["lost"] == 0.0).all()
+
+
+@pytest.mark.parametrize("block", [1, 16])
+def test_a_quantity_without_derivatives_is_named_in_a_warning(block):
+    """Wheels in a reference pose have no derivatives by the directions of their axes."""
+    run = sk.run("bevel_differential", "sensitivity:draws=0", samples=2, block=block)
+    (text,) = [text for text in run.summary["warnings"] if "standard deviation" in text]
+    assert "theta_carrier_axle has no standard deviation" in text
