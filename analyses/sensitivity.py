@@ -548,6 +548,12 @@ class SensitivityAnalysis(AbstractAnalysis):
                 f"Sizes of {left_out} are left out: two of its axes are collinear, and the "
                 "loops have no derivative with respect to an arc of 0"
             )
+        if sensitivity.sizes_that_move_wheels_apart:
+            warnings.append(
+                f"{listing(sensitivity.sizes_that_move_wheels_apart)}: left out, because "
+                "a change would move two touching wheels apart and another contact has a "
+                "profile that is not a circle; compare designs with a sweep"
+            )
         return replace(findings, warnings=tuple(warnings))
 
     def joined(self, before: Findings, now: Findings) -> Findings:

@@ -819,6 +819,20 @@ def test_profiles_of_gears_follow_the_sizes_and_the_phase_of_their_file(tmp_path
     assert np.max(np.abs(derivatives[[0, 2, 3, 4]]), axis=(1, 2)).min() > 0.01
 
 
+def test_sizes_that_move_wheels_apart_beside_a_cam_are_left_out_and_refused(tmp_path):
+    """The wheels keep their contact, so the loops do not close after such a change."""
+    path = tmp_path / "geared_cam.toml"
+    path.write_text(mechanism_text("geared_cam"))
+    run = sk.run(path, "sensitivity:draws=0", samples=2)
+    assert "links.1.arcs.right" not in set(run.frame("sensitivity")["size"])
+    assert "links.1.arcs.right: left out" in run.summary["warnings"][0]
+    for key in ("links.1.arcs.right", "pairs.mesh.profiles.2.radius"):
+        with pytest.raises(sk.SpherekitError, match="moves two touching wheels apart"):
+            Sensitivity(sk.load(path), [key])
+    # The arc to the pivot of the follower moves no wheel.
+    assert Sensitivity(sk.load(path), ["links.1.arcs.pivot"]).keys
+
+
 def test_no_rows_and_no_draws_give_empty_arrays():
     mechanism = sk.load("four_bar")
     motion = sk.trace(mechanism, samples=2)

@@ -18,6 +18,7 @@ from spherekit.designs.design_variables import (
     design_variable,
     is_angle_of_load,
     link_sizes,
+    make_design,
 )
 from spherekit.designs.figures_of_merit import INERTIAL
 from spherekit.designs.homotopy import (
@@ -31,10 +32,11 @@ from spherekit.designs.profile_numbers import (
     has_shaped_profiles,
 )
 from spherekit.designs.varied_mechanism import DesignPoint, VariedMechanism
-from spherekit.errors import CountError, DesignError, EngineError
+from spherekit.errors import CountError, DesignError, EngineError, SpherekitError
 from spherekit.files.number_change import document_of
 from spherekit.files.toml_lines import KeyPath
 from spherekit.mechanism.elements import SizeGeometry
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.load_dependence import (
     acting_links,
     check_torque_tables_cover,
@@ -43,6 +45,7 @@ from spherekit.mechanism.load_dependence import (
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at, plan_assembly
+from spherekit.planning.gear_mesh import find_carried_contact, find_carried_contacts
 from spherekit.progress import ProgressReporter
 from spherekit.symbolic.expression_evaluation import array_function
 from spherekit.velocities.design_expressions import DesignExpressions
@@ -53,6 +56,20 @@ from spherekit.velocities.equivalent_linkage import (
 from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
 from spherekit.velocities.row_quantities import row_quantities, sample_names
 from spherekit.wording import choices, listing, nearest
+
+TRIAL_STEP_RAD = 1e-3
+"""Change of a size that shows whether the size moves two touching wheels apart.
+
+Larger: the changed file may be impossible. Smaller: the gap is not distinguished from
+rounding.
+"""
+
+TOUCHING_COSINE_TOLERANCE = 1e-9
+"""Largest error of the cosine of the arc between the centres of two wheels that touch.
+
+Larger: sizes that move wheels apart by little count as sizes that do not. Smaller: rounding
+counts as a gap.
+"""
 
 MAX_DEVIATING_ROWS = 2**16
 """Number of deviating configurations that are solved together.
@@ -71,9 +88,10 @@ class Sensitivity:
     keys
         Sizes, or numbers of masses and loads, as keys of its file. By default these are the
         arcs and angles of all links, except those of links with two axes on one line
-        (`left_out`). For a file with contacts and a reference pose, the default is the
-        directions of the axes of all R pairs. If there are no such numbers, the default is
-        the radii and Fourier coefficients of the contact profiles.
+        (`left_out`) and those that move wheels apart (`moves_wheels_apart`). For a file
+        with contacts and a reference pose, the default is the directions of the axes of
+        all R pairs. If there are no such numbers, the default is the radii and Fourier
+        coefficients of the contact profiles.
     quantities
         Names of the quantities, see `row_quantities`. By default these are the angles of
         pairs between an output and the link from which it is seen, or else of all passive
@@ -87,6 +105,8 @@ class Sensitivity:
         The mechanism as a file with angles in rad.
     variables
         The sizes as numbers of this file.
+    sizes_that_move_wheels_apart
+        Keys that are left out of the default sizes, see `moves_wheels_apart`.
 
     Raises
     ------
@@ -115,7 +135,8 @@ class Sensitivity:
         Raises
         ------
         DesignError
-            If there are no sizes or no such quantity, or if constraints are redundant.
+            If there are no sizes or no such quantity, if a size moves wheels apart, or if
+            constraints are redundant.
         """
         mechanism = driven_at(mechanism)
         self.mechanism = mechanism
@@ -130,12 +151,28 @@ class Sensitivity:
             or default_size_keys(mechanism)
             or self._profile_keys()
         )
+        self.sizes_that_move_wheels_apart: Names = ()
+        if not keys:
+            self.sizes_that_move_wheels_apart = tuple(
+                key for key in self.keys if self.moves_wheels_apart(key)
+            )
+            self.keys = tuple(
+                key for key in self.keys if key not in self.sizes_that_move_wheels_apart
+            )
         if not self.keys:
             raise DesignError(
                 f"{mechanism.name}: no link has two axes, so there are no link dimensions "
                 "with respect to which derivatives could be taken; name numbers of the "
                 "file instead"
             )
+        for key in keys:
+            if self.moves_wheels_apart(key):
+                raise DesignError(
+                    f"{mechanism.name}: there are no derivatives with respect to {key}, "
+                    "because it moves two touching wheels apart and another contact has a "
+                    "profile that is not a circle; vary other numbers, or compare designs "
+                    "with a sweep"
+                )
         self.variables = tuple(self._make_variable(key) for key in self.keys)
         # Paths, in the file, of the numbers that the user has named.
         self._named_paths = [variable.path for variable in self.variables] if keys else []
@@ -177,6 +214,48 @@ class Sensitivity:
                     elif number is not None:
                         keys.append(key)
         return tuple(keys)
+
+    def moves_wheels_apart(self, key: str) -> bool:
+        """Return whether a size has no derivatives, because it moves wheels apart.
+
+        Wheels with a common carrier are replaced by constant ratios, so they need not touch
+        exactly. This is impossible if the mechanism also has a profile that is not a
+        circle. Then the wheels keep their contact. If a size of their file moves them
+        apart, the loops of the changed mechanism do not close.
+
+        Parameters
+        ----------
+        key
+            Key of a number of the mechanism file with angles in rad.
+
+        Raises
+        ------
+        DesignError
+            If there is no such number, or no derivative with respect to it.
+        """
+        if not (has_shaped_profiles(self.mechanism) and self._wheel_contacts):
+            return False
+        variable = self._make_variable(key)
+        if variable.path[0] in ACTIONS or variable.path[0] == "outputs":
+            return False
+        for step in (TRIAL_STEP_RAD, -TRIAL_STEP_RAD):
+            try:
+                changed = make_design(self.document, [variable], [variable.value + step])
+                joints = make_joints(changed, DEVIATING_PROFILE_GAP_RAD)
+            except SpherekitError:
+                # The file does not allow this value. The other one is tried.
+                continue
+            return any(
+                find_carried_contact(changed, joints, pair, TOUCHING_COSINE_TOLERANCE)
+                is None
+                for pair in self._wheel_contacts
+            )
+        return False
+
+    @cached_property
+    def _wheel_contacts(self) -> frozenset[int]:
+        """Indices of the rolling contacts of two circles with a common carrier."""
+        return find_carried_contacts(self.mechanism)
 
     @property
     def left_out(self) -> Names:
