@@ -227,6 +227,7 @@ def find_largest_torques(batch: Batch, torques: Floats, key: str) -> dict[str, A
     record has the sample, assembly mode and inputs (rad) at which the torque occurs.
     ``place`` has these in words. These entries are missing if no torque is known.
     ``by_mode`` has such a record for each mode, and whether the mode exists at all samples.
+    ``simulated`` is whether the motion is a simulation.
     """
     records: dict[str, Any] = {}
     for number, name in enumerate(batch.moving_inputs):
@@ -242,6 +243,7 @@ def find_largest_torques(batch: Batch, torques: Floats, key: str) -> dict[str, A
             }
             for mode, mode_rows in batch.assembly_mode_rows().items()
         }
+        record["simulated"] = batch.simulated
         records[name] = record
     return records
 
@@ -306,6 +308,10 @@ def describe_largest_torques(
         if key not in record:
             continue
         if not record[key]:
+            # The report of a simulation states what moves the mechanism, and so whether
+            # an input is driven.
+            if record["simulated"]:
+                continue
             sentences.append(f"The {quantity} at {name} is 0 throughout")
             continue
         whole_modes = {}

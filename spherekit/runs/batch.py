@@ -90,6 +90,9 @@ class Batch:
         Whether the samples are times of a time law or of a simulation. Otherwise the
         samples are values of inputs, and the times are those of a motion in which the
         fastest input moves at 1 rad/s.
+    simulated
+        Whether the samples are times of a simulation. Its motion follows from torques and
+        loads.
     """
 
     mechanism: Mechanism
@@ -99,6 +102,7 @@ class Batch:
     _pole_fields: PoleFields = field(repr=False)
     _angles: ContinuedAngles = field(default_factory=dict, repr=False)
     timed: bool = False
+    simulated: bool = False
     # The position analysis of the run, which `tracer` gives to analyses.
     _position_analysis: PositionAnalysis | None = field(default=None, repr=False)
     # Lowest and highest inputs, and input rates, of the whole run.

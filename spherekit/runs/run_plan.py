@@ -267,6 +267,7 @@ class RunPlan:
             _angles=continued_angles,
             # Whether the samples are times, and not values of inputs.
             timed=sampling.is_over_time,
+            simulated=sampling.simulation is not None,
             _position_analysis=sampling.position_analysis,
             # The least and greatest inputs and rates of the whole run. Plots use them, so
             # that their axes are the same in all blocks.
