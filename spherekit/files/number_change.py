@@ -196,7 +196,7 @@ def _explain_missing_number(
         # The key leads to something else than a number.
         problem = _explain_other_value(key, path_by_key)
     else:
-        problem = _explain_missing_part(reached, reached.missing_part)
+        problem = _explain_missing_part(key, reached, reached.missing_part)
     # The user may mean a key that begins with `problem.prefix`. Of the keys of one number,
     # the message lists the shorter one first: "links.2.arc" before "links.2.arcs.0".
     shorter_first = reversed(list(path_by_key))
@@ -250,12 +250,13 @@ def _explain_other_value(key: str, path_by_key: Mapping[str, KeyPath]) -> KeyPro
     return KeyProblem(f'the value of "{key}" is not a number{suggestion}', prefix)
 
 
-def _explain_missing_part(reached: ReachedTable, missing_part: str) -> KeyProblem:
+def _explain_missing_part(key: str, reached: ReachedTable, missing_part: str) -> KeyProblem:
     """Explain that a part of a key does not exist in the table to which the key leads."""
     where = f"{key_path_text(reached.path)}: " if reached.path else ""
     suggestion = nearest(missing_part, reached.entries)
     return KeyProblem(
-        f'{where}there is no "{missing_part}"{suggestion or "."}',
+        f'the key "{key}" names no number: {where}there is no "{missing_part}"'
+        f"{suggestion or '.'}",
         prefix=".".join(map(str, reached.path)),
     )
 
