@@ -224,8 +224,9 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
     mode_values = _stack_mode_values(formulas)
     idle_rows = _find_idle_rows(formulas, range(len(formulas.sizes)), motion, mode_values)
     if idle_rows:
-        # The ratios of the steps are irrational, so that the effects of two arguments, such
-        # as an input and whole turns of a wheel that it drives, do not cancel.
+        # `motion` has an argument of the formulas in each row, such as the inputs and their
+        # rates. Each argument gets another step. The ratios of the steps are irrational, so
+        # the effects of two changed arguments on a result do not cancel.
         steps = MOTION_STEP * np.exp(0.1 * np.arange(len(motion)))
         second_motion = motion + steps[:, None]
         mode_values = _follow_mode_values(formulas, second_motion, mode_values)

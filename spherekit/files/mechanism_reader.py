@@ -321,9 +321,11 @@ class _MechanismReader:
             # The unit of angles in parameters of analyses that users write without a unit.
             angle_unit=self.document.data["angle_unit"],
         )
-        # A file can state the phase of wheels: angles of the shafts at which the wheels
-        # mesh. From the phase and all sizes follows the start of the contact: the arc
-        # lengths on the two circles at which the variable of the contact is 0.
+        # Two wheels are a contact of two circles that roll on each other. The variable of
+        # the contact is the rolled arc length. A file can state the phase of the wheels,
+        # which are angles of their shafts at which they mesh. The phase and all sizes
+        # determine the start of the contact: the arc lengths on both circles at which the
+        # variable is 0.
         pairs = tuple(self.with_start(mechanism, pair) for pair in mechanism.pairs)
         return replace(mechanism, pairs=pairs) if pairs != mechanism.pairs else mechanism
 

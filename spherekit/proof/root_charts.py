@@ -82,10 +82,10 @@ class Polynomials:
     error
         (k,) for each equation a bound of the errors of its coefficients.
     derivative_bound
-        (k,) for each equation a number C. At real angles, the magnitude of any derivative
-        of the equation is at most C times the product of the degrees in its angles. For
-        example, C d_1 d_2 bounds the second derivative with respect to the angles 1 and 2
-        (Bernstein's inequality).
+        (k,) for each equation a number C that bounds its derivatives at real angles, by
+        Bernstein's inequality. The magnitude of a derivative is at most C times the degree
+        in each angle by which the equation is differentiated. For example, C d_1 d_2 bounds
+        the second derivative with respect to the angles 1 and 2.
     degrees
         (k, variables) trigonometric degrees, the unknowns first, then the given variables.
     """

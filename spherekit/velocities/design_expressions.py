@@ -789,8 +789,9 @@ class DesignExpressions:
 
         - the angle of the input;
         - the pair (joint) variables, if there are no formulas for them (closed form);
-        - the profile columns: tangent, point, curvature and its derivative, of each profile
-          at the contact. They are functions of the arc length.
+        - the tangent, the point, the curvature and the derivative of the curvature of each
+          profile (contact curve) at its contact. These symbols are called columns, and they
+          are functions of the arc length. Such a mechanism has no closed form.
 
         Parameters
         ----------

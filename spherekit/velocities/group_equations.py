@@ -582,12 +582,14 @@ def _solve_private_rates_of_dyad(loop: LoopVectorEquation, third: int) -> dict[i
 
     A dyad (two links joined by a pair) has one loop with three unknown rates x, y and z:
     x a + y b + z d + c = 0. Here a, b and d are the vectors of the variables, and c is
-    known. The private variables are those of x and y. The determinant is D = (a x b) . d.
-    By Cramer's rule
+    known. Private variables occur in no other loop. In a dyad, two of the three variables
+    are eliminated as its private ones, here those with the rates x and y. The determinant
+    is D = (a x b) . d. By Cramer's rule
 
         D x = b . (c x d),   D y = -a . (c x d).
 
-    The formulas do not use z, because digits may cancel in the sum z d + c.
+    The factor D stays, because a division would fail where D is zero. The formulas do not
+    use z, because digits may cancel in the sum z d + c.
 
     Parameters
     ----------
