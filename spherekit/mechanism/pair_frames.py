@@ -86,9 +86,10 @@ def pair_frames_from_sizes(
     pairs
         All pairs of the mechanism. Contacts have no axis and no frame, and are passed over.
     geometry
-        Sizes (arcs and angles) of the links, and the zero angle of each pair: the angle
-        from the reference direction of the first link to that of the second at which the
-        variable of the pair is 0.
+        Sizes (arcs and angles) of the links, and the zero angle of each pair. At the axis
+        of a pair, each link has a reference direction, which points to another axis of the
+        link. If the variable of the pair is 0, the angle from the reference direction of
+        the first link to that of the second is the zero angle.
 
     Returns
     -------

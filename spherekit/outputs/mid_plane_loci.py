@@ -371,9 +371,10 @@ class _MidPlaneCurveSearch:
     def _find_reason(self, normals: Floats, signs: Integers) -> str:
         """Return the reason why a curve is singular of type II, as text for users.
 
-        At type II the output can move while the inputs rest. Base and end effector mirror
-        each other in the mid-plane, which contains the elbows of all legs (the axes between
-        the two links of each leg). There are two possible reasons:
+        Each point of the curve is a configuration. At type II the output can move while the
+        inputs rest. Base and end effector mirror each other in a plane, the mid-plane of
+        the configuration. It contains the elbows of all legs (the axes between the two
+        links of each leg). There are two possible reasons:
 
         - The elbows of both driven legs are on one line along the whole curve, so they do
           not determine the mid-plane.
@@ -383,7 +384,7 @@ class _MidPlaneCurveSearch:
         Parameters
         ----------
         normals
-            (n, 3) unit normals of the mid-planes of the curve.
+            (n, 3) unit normals of the mid-planes at n points of the curve.
         signs
             (legs,) signs of the mode: 1 or -1 for each leg, which chooses one of the two
             elbows that the leg can have.

@@ -106,10 +106,11 @@ class SampleConfigurations:
 
 @dataclass(frozen=True)
 class GroupConfigurations:
-    """Configurations of one group of links at n rows, in one table.
+    """Configurations of one group of links, which is placed after other groups.
 
-    Groups are placed one after the other. A row is one configuration of all earlier groups
-    at one sample of the inputs. At each row the group can have several configurations.
+    A *row* is one configuration of all earlier groups at one sample of the inputs. For each
+    of the n rows, the group can have any number of configurations. All k configurations are
+    stored in common arrays.
 
     Attributes
     ----------
