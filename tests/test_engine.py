@@ -561,9 +561,10 @@ def test_dependent_equations_of_a_redundant_loop_are_no_crossing(monkeypatch):
 
     With a redundant loop there are more closure equations than unknowns. The compiled
     engine chooses equations that are independent at the start. Later they can be dependent
-    although the mechanism is regular. This must not be called a crossing of curves of
-    configurations. With the automatic choice, NumPy takes over. The reference is a
-    simulation by NumPy.
+    although the mechanism is regular. Dependent equations usually mean that two curves of
+    configurations cross, but here there is no crossing. The engine therefore refuses and
+    advises to use the NumPy engine. With the automatic choice of the engine, NumPy takes
+    over. The reference is a simulation by NumPy.
     """
     # Normally wheels on a common carrier need no loop, because their ratio is constant.
     # Without this knowledge there is a redundant loop.
@@ -588,7 +589,7 @@ def test_dependent_equations_of_a_redundant_loop_are_no_crossing(monkeypatch):
         sk.simulate(mechanism, start, duration, engine="compiled", torque=torque)
     automatic = sk.simulate(mechanism, start, duration, tolerance=1e-9, torque=torque)
     assert automatic.end.kind == "time"
-    # The choice has been made already, so the reason does not advise to make it.
+    # The NumPy engine has been chosen already, so the reason does not advise to choose it.
     assert "use the NumPy engine" not in automatic.engine.reason
     assert np.max(np.abs(automatic.at(times).values - expected_values)) < 1e-8
 

@@ -159,11 +159,12 @@ def test_four_sets_of_driving_angles_lead_to_one_pose(form):
     """Each pose has four sets of driving angles (Chen et al. 2021, Fig. 5).
 
     Base and end effector mirror each other in a mid-plane, so the normal of this plane
-    determines the pose. The driving angles theta obey eqs. (12) and (13): sin(theta) is the
-    z component of the elbow, the axis between the two links of a leg, divided by sin(arc of
-    the driving link). The angle between each elbow and the base axis of its leg is the arc
-    of the link. The z axis is perpendicular to the base axes of the driven legs. `form`
-    computes by the equations of the paper.
+    determines the pose. The elbow of a leg is the axis between its two links. By eqs. (12)
+    and (13), sin(theta) of a driving angle theta is the z component of the elbow, divided
+    by the sine of the arc of the driving link. The z axis is perpendicular to the base axes
+    of the driven legs. It is also tested that the angle between each elbow and the base
+    axis of its leg is the arc of the driving link. The fixture `form` has the geometry of
+    the mechanism in the paper.
     """
     normals = random_reachable_normals(form, count=50, seed=6)
     solutions = form.plane.solutions(normals)

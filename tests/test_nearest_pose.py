@@ -191,15 +191,16 @@ def test_nothing_is_offered_where_nothing_is_reached():
 class UnreachablePoint:
     """A point whose pose is unreachable, and which a search moves until it is reachable.
 
-    The search moves the point along a straight line, away from the pose that was asked for.
-    All numbers are distances (rad) from the asked pose along this line.
+    An earlier search began at a reachable start pose, moved along a line towards the pose
+    that was asked for, and ended at an unreachable point. The point is now moved back along
+    this line. All numbers are distances (rad) from the asked pose along this line.
 
     Attributes
     ----------
     distance
-        Distance of the point before the search moves it.
+        Distance of the point before the search moves it back.
     start
-        Largest distance to which the search moves the point.
+        Distance of the start pose. The point is moved at most to this distance.
     reachable_beyond
         Poses at larger distances than this one are reachable.
     """

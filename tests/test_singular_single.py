@@ -375,8 +375,11 @@ def test_input_output_relations_hold_for_rates_by_velocity_equations(chain):
 def test_form_ii_of_an_output_that_is_relative_to_a_coupler_says_which_rate_it_has():
     """Form ii of output 3/4 has the rate of 3/1, which moves where 3/4 rests.
 
-    Form i has the rate of 3/4 and agrees with type I. In form ii neither c nor d vanishes,
-    and c y' = d q' holds for the rate of 3/1. The note says so, instead of doubting c, d.
+    The relation c y' = d q' between the rates of output and input has two forms. In form i,
+    y' is the rate of the output link relative to its own reference link, here of 3/4. It
+    agrees with type I, at which this rate is 0. In form ii, y' is the rate of the output
+    link relative to the reference link of the input, here of 3/1. It is not 0, so neither c
+    nor d vanishes. The note says so, and does not say that c and d are doubtful.
     """
     position_analysis = PositionAnalysis(four_bar(np.radians([60.0, 20.0, 70.0, 40.0])))
     curves = all_curves(position_analysis)

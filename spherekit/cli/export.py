@@ -110,8 +110,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         help=(
             "only for source code: how an assembly mode continues where two curves of "
             "configurations cross: end = the mode ends there (default); pass = the mode "
-            "continues smoothly, although a dyad then changes to the other of its two "
-            "positions"
+            "continues along the smooth curve, on which a dyad changes the sign that names "
+            "its mode"
         ),
     )
     parser.add_argument(

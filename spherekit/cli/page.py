@@ -69,8 +69,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("end", "pass"),
         help=(
             "what happens to an assembly mode where two curves of configurations cross: "
-            "end = the mode ends there (default); pass = it continues smoothly, although "
-            "a dyad then changes to the other of its two positions"
+            "end = the mode ends there (default); pass = it continues along the smooth "
+            "curve, on which a dyad changes the sign that names its mode"
         ),
     )
 

@@ -135,8 +135,8 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         help=(
             "what happens to an assembly mode where two curves of configurations cross: "
             "end = the mode ends there, and so does a simulation (default); pass = it "
-            "continues smoothly, although a dyad then changes to the other of its two "
-            "positions"
+            "continues along the smooth curve, on which a dyad changes the sign that names "
+            "its mode"
         ),
     )
     parser.add_argument(

@@ -42,8 +42,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--analysis",
         metavar="NAME[:key=value,...]",
         help=(
-            "analysis to measure (default: the only analysis of the study, or poles if "
-            "it names none)"
+            "analysis whose run time and errors are measured (default: the only analysis "
+            "of the study, or poles if it names none)"
         ),
     )
     set_completer(analysis_argument, complete_analyses)

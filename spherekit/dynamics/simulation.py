@@ -235,7 +235,8 @@ class Simulation:
         Largest difference of a pair variable from a simulation with a smaller tolerance,
         rad. None if there is no such simulation.
     tolerance
-        The tolerance (rad) that the user requested. If it is None, `missed` is None.
+        The tolerance (rad) that the user requested, or None. The property `missed` says
+        whether the simulation is less accurate.
     """
 
     equation: EquationOfMotion

@@ -174,7 +174,8 @@ def _pair_table(mechanism: Mechanism, pair: Pair) -> _Table:
 
     If the geometry of the mechanism is a reference pose (one configuration), the table has
     the axis of the pair and its variable in this pose. If the geometry consists of sizes of
-    links, the table has the angle at which the variable is zero.
+    links, the table has the zero angle of the pair: the angle between the reference
+    directions of both links if the variable is 0.
     """
     table: _Table = {"type": pair.type, "links": pair.links}
     geometry = mechanism.geometry

@@ -570,7 +570,7 @@ def follow_to(
     orientation: ArrayLike,
     output: str | None = None,
 ) -> FollowedRotation:
-    """Return the rotation of an output link to an orientation, about a fixed axis.
+    """Return the motion in which an output link turns to an orientation about a fixed axis.
 
     The link turns by less than half a turn, which determines the axis.
 

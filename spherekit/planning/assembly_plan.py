@@ -448,12 +448,13 @@ def _find_smallest_part(
     open_pairs: dict[int, tuple[int, int]],
     body_of_link: Sequence[int],
 ) -> set[int]:
-    """Return a smallest rigid part that contains both bodies of an open pair.
+    """Return a small rigid part that contains both bodies of an open pair.
 
     A part is a set of bodies, which are placed together next. A pair is open if it has not
-    been placed yet. Of parts of equal size the first one is returned, in the order of the
-    indices of the two bodies. The search ends at the first part of three bodies. With
-    contacts, later parts of two bodies can exist, which are then not searched.
+    been placed yet. The parts are searched in the order of the indices of the two bodies,
+    up to the first part of at most three bodies. The first of the smallest parts that were
+    found is returned. It is a smallest part of all, except in one case: with contacts, a
+    part of two bodies can exist after the first part of three.
 
     Parameters
     ----------
@@ -462,8 +463,8 @@ def _find_smallest_part(
     open_pairs
         The two links of each open pair, by index of the pair.
     body_of_link
-        For each link the number of its body, a set of rigidly joined links: the index of
-        one link in it.
+        For each link the number of its body. A body is a set of rigidly joined links, and
+        its number is the index of one of these links.
     """
     parts = []
     for body_a, body_b in _list_couples(open_pairs, body_of_link):

@@ -86,21 +86,22 @@ class GroupGeometry:
         """Return the arc equations of a group, one for each removed link.
 
         Without the removed links, the other bodies of the group form a tree, whose pair
-        angles are the unknowns. A removed link has two pairs, and the arc between their
-        axes is its size. The axes must be at this arc in the tree. This equation is linear
-        in 1, cosine and sine of each angle.
+        angles are the unknowns. A removed link has two pairs, whose axes are fixed in its
+        two neighbours in the tree. The arc between these axes must be equal to the arc of
+        the removed link. This equation is linear in 1, cosine and sine of each angle.
 
         Parameters
         ----------
         order
-            The unknown angles (`tree_pairs`) and the removed links, t of each. For each
-            removed link it also has the pairs of the tree between its two neighbours.
+            The t unknown angles (`tree_pairs`) and the t removed links. For each removed
+            link it also has the pairs of the tree between its two neighbours.
 
         Returns
         -------
         (samples, t, 3, ..., 3) coefficients. The second axis counts the equations. The last
-        t axes belong to the angles, in the order of `order.tree_pairs`. Index 0, 1 and 2 of
-        such an axis is the factor of 1, the cosine and the sine of the angle.
+        t axes belong to the angles, in the order of `order.tree_pairs`. The entries at the
+        index 0, 1 and 2 of such an axis are the coefficients of 1, the cosine and the sine
+        of the angle.
         """
         equations = [
             self._form_equation(order.tree_pairs, binary_link, path)

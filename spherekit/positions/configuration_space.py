@@ -690,8 +690,9 @@ class _CurveSearch:
         How complete the curves are, with the numbers of starts.
         """
         # `all_known` says whether the input determines how far all wheels have rolled. If
-        # not, there are infinitely many curves, and nothing is searched. Without wheels
-        # `gear_phases` is None.
+        # not, wheels can mesh at any of their angles, so there are infinitely many curves.
+        # Then nothing is searched, and there is only what is connected to the given modes.
+        # Without wheels `gear_phases` is None.
         gear_phases = self.solver.gear_phases
         if gear_phases is not None and not gear_phases.all_known:
             return Completeness(
@@ -701,8 +702,8 @@ class _CurveSearch:
         high = np.array([self.high])
         rounds = random_starts(self.solver, low, high, seed=SEED + 1)
         variable_count = len(self.solver.mechanism.variable_owners)
-        # A round is a fixed number of starts. `random_starts` begins with `RANGE_ROUNDS`
-        # rounds, which are yielded together.
+        # A round is a fixed number of starts. The first item of `random_starts` has the
+        # starts of `RANGE_ROUNDS` rounds.
         statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
         progress = ProgressReporter("searching the configuration curves")
         while statistics.needs_more_starts and len(self.curves) < MAX_CURVES:

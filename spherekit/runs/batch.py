@@ -490,8 +490,8 @@ class Batch:
         """Return the relative error bound (n,) of angular velocities and derivatives.
 
         The error is relative to the largest value of all links, or to 1 if that value is
-        smaller than 1. The bound is given as 0 in rows that float64 certifies, where it is
-        at most about 1e-8.
+        smaller than 1. Rows that are computed with double precision and pass all checks
+        have a bound of at most about 1e-8. It is not computed, and 0 is returned for them.
         """
         return _read_only(self._pole_field(moved).relative_error_bound)
 

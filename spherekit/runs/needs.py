@@ -68,8 +68,8 @@ class Needs:
     def union(self, other: "Needs") -> "Needs":
         """Return what two analyses need together.
 
-        The attribute `links` of the result must not be read: an empty set there stands for
-        all links, so that the union of two sets can be too small.
+        The attribute `links` of the result must not be read. An empty set of links means
+        all links, but its union with another set is only the other set.
         """
         # The operator | is the union of two sets, and "or" of two booleans.
         return Needs(

@@ -32,7 +32,7 @@ _registered_classes: dict[str, type[AbstractAnalysis]] = {}
 def registered(*classes: type[AbstractAnalysis]) -> Iterator[None]:
     """Make analyses known for the length of a `with` block, for notebooks and tests.
 
-    An analysis of the same name is not available in the block.
+    If an analysis of the same name is already known, the new one replaces it in the block.
 
     Raises
     ------

@@ -899,8 +899,9 @@ def _measure_regularity(
         The singular value decomposition of the equations, and how many equations are
         independent at regular points.
     orthonormalisation
-        The singular value decomposition of the first parts of orthonormal tangents. The
-        singular values are the extreme sizes of the first part.
+        The singular value decomposition of the first parts of a basis of orthonormal
+        tangents. Its smallest singular value is the smallest size of the first part in all
+        unit tangents.
     """
     # `SMALLEST_NORMAL` prevents a division by zero.
     greatest_singular_value = np.maximum(svd.values[:, 0], SMALLEST_NORMAL)
