@@ -160,6 +160,15 @@ def test_the_derivative_of_a_changing_curve_is_its_central_difference(kind, back
     assert np.all(errors < RELATIVE_TOLERANCES)
 
 
+@pytest.mark.parametrize("backwards", [False, True])
+def test_the_derivative_of_an_open_curve_is_nan_beyond_its_ends_only(backwards):
+    """An open curve has no derivative beyond its ends, and one at the ends themselves."""
+    curve_at, derivative = curves("open", backwards)
+    length = curve_at(0.0).length
+    assert np.all(np.isnan(derivative(np.array([-0.5, -1e-9, 1.1, 1e6]) * length)))
+    assert np.all(np.isfinite(derivative(np.array([0.0, 0.5, 1.0]) * length)))
+
+
 @pytest.mark.many
 @pytest.mark.parametrize("kind", ["circle", "fourier", "closed", "open"])
 def test_the_second_derivative_of_the_curvature(kind):

@@ -116,6 +116,32 @@ def test_mirror_angles_satisfy_the_equations_of_the_paper():
     assert np.max(np.abs(mirror_image - expected)) < 1e-14
 
 
+def test_a_mirror_through_the_z_axis_exists_in_spite_of_rounding():
+    """If phi and gamma add up to 180 deg, the normal of the mirror has n_z = 0."""
+    phi_deg = np.arange(-180.0, 181.0)
+    phi = np.radians(phi_deg)
+    for sign in (1.0, -1.0):
+        gamma = np.radians(sign * (180.0 - np.abs(phi_deg)))
+        normals = normals_of(phi, gamma)
+        assert np.max(np.abs(normals[:, 0] + np.sin(phi / 2))) < 1e-15
+        assert np.max(np.abs(normals[:, 1] - np.sin(gamma / 2))) < 1e-15
+        assert np.max(np.abs(normals[:, 2])) < 1e-7
+    # One millionth of a degree more is no rounding error.
+    assert np.isnan(normals_of(np.radians([60.0]), np.radians([120.000001]))).all()
+
+
+def test_omega_is_at_most_a_right_angle_for_negative_zeros():
+    normals = np.array([[1.0, 0.0, -0.0], [-1.0, -0.0, -0.0], [0.0, -1.0, -0.0]])
+    _, _, omega = mirror_angles(normals)
+    assert omega.tolist() == [0.0, 0.0, -np.pi / 2]
+
+
+@pytest.mark.parametrize("angle", [np.nan, np.inf])
+def test_angles_of_a_mirror_that_are_not_finite_are_refused(angle):
+    with pytest.raises(SolveError, match="give two finite angles"):
+        normal_at(0.1, angle)
+
+
 # Chen et al. 2021, Table 1: initial configuration, then tiny inputs and the column of the
 # CAD model (degrees; the last in thousandths). The sign of gamma at (14, 23) is printed
 # without its minus.

@@ -5,10 +5,13 @@ import pytest
 from helpers.refusals import TABLES, check_fragments
 from numpy.polynomial.legendre import leggauss
 
+from spherekit.errors import EngineError
 from spherekit.geometry import profile_curve
+from spherekit.geometry.parametric_curve import axes_about
 from spherekit.geometry.rotation import transpose
 from spherekit.geometry.triangle import arc
 from spherekit.mechanism.elements import Profile
+from spherekit.proof import ball_curves
 from spherekit.proof.ball_curves import make_ball_curve
 from spherekit.proof.ball_frames import exact_ball, exact_balls
 from spherekit.proof.balls import (
@@ -239,6 +242,21 @@ def test_curves_that_do_not_cross_or_are_open_are_accepted():
     assert profile_curve.through(lobes(a + 0.95 * np.sin(a))).closed
 
 
+@pytest.mark.parametrize("gap", [0.3, 1e-3, 1e-5])
+@pytest.mark.parametrize("pole", [[0.0, 0.0, 1.0], CENTRE])
+def test_a_closed_curve_along_a_great_circle_may_have_points_at_uneven_distances(gap, pole):
+    """Arcs of the same great circle that follow one another do not meet."""
+    longitudes = np.array([0.0, 1.0, 2.0, 3.0, 3.0 + gap, 4.0, 5.0])
+    points = spherical(longitudes, 0.0 * longitudes) @ axes_about(pole).T
+    made = profile_curve.through(points)
+    assert abs(made.length - 2.0 * np.pi) < 1e-13
+
+
+def test_the_axes_about_a_centre_in_single_precision_are_orthonormal_to_rounding():
+    axes = axes_about(np.array([0.8, 0.0, 0.6], dtype=np.float32))
+    np.testing.assert_allclose(axes.T @ axes, np.eye(3), rtol=0, atol=1e-15)
+
+
 def test_arc_lengths_invert_to_rounding(curve):
     """The inverse series against the integral of the speed, at places between its own."""
     table = curve.table
@@ -315,3 +333,32 @@ def test_balls_about_a_knot_contain_the_curve_on_both_sides(knot):
                 # The exact value is somewhere in the tiny ball `value`. The large ball can
                 # contain it only if both overlap.
                 assert ball.overlaps(value)
+
+
+def test_an_expansion_over_arc_length_has_at_most_the_largest_number_of_panels(monkeypatch):
+    """This spline needs one panel for each of its intervals, or more."""
+    azimuths = np.radians([0.0, 60.0, 120.0, 180.0, 240.0, 300.0])
+    points = spherical(azimuths, np.radians([50.0, 55.0, 52.0, 58.0, 51.0, 54.0]))
+    profile = Profile("points", points=tuple(map(tuple, points.tolist())))
+    panel_count = 0
+    make_series = ball_curves.power_series
+
+    def count_series(*coefficients):
+        nonlocal panel_count
+        panel_count += 1
+        return make_series(*coefficients)
+
+    # Each panel starts with one power series.
+    monkeypatch.setattr(ball_curves, "power_series", count_series)
+    with working_precision(70):
+        make_ball_curve(profile)
+    needed_count = panel_count
+    assert needed_count >= len(points)
+    monkeypatch.setattr(ball_curves, "MAX_ARC_LENGTH_PANELS", needed_count)
+    ball_curves._make_curve.cache_clear()
+    with working_precision(70):
+        make_ball_curve(profile)
+    monkeypatch.setattr(ball_curves, "MAX_ARC_LENGTH_PANELS", needed_count - 1)
+    ball_curves._make_curve.cache_clear()
+    with working_precision(70), pytest.raises(EngineError, match="does not converge"):
+        make_ball_curve(profile)

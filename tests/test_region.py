@@ -1,5 +1,7 @@
 """Regions of directions and orientations: sizes against closed forms, borders, parts."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 from oracles.sphere_areas import common_area
@@ -11,6 +13,7 @@ from spherekit.geometry.orientation_region import ALL_ORIENTATIONS, find_orienta
 from spherekit.geometry.region_margins import UNDEFINED_MARGIN, MarginEvaluator
 from spherekit.geometry.rotation import from_quaternion
 from spherekit.geometry.sphere_mesh import triangle_areas
+from spherekit.geometry.triangle_class import TriangleClass, classify_triangles
 
 
 def unit(vector):
@@ -236,6 +239,48 @@ def test_nearest_point():
     assert np.abs(lune.nearest([-1, -1, 5.0]) - [0, 0, 1]).max() < 1e-12
 
 
+@pytest.mark.parametrize("size", [1e-320, 1e-200, 1e200])
+def test_nearest_takes_directions_of_any_length(size):
+    region = find_region(caps([[1, 2, 3]], [0.7], [True]), 1e-2)
+    expected = region.nearest([1, 0, 0])
+    assert np.abs(region.nearest([size, 0.0, 0.0]) - expected).max() < 1e-12
+
+
+@pytest.mark.parametrize("point", ["abc", [1, 2, "x"], [1j, 0, 0], [[1, 2], [3]], None])
+def test_nearest_refuses_what_is_no_direction(point):
+    region = find_region(lambda places: np.ones((len(places), 1)))
+    with pytest.raises(RegionError, match="is not a direction"):
+        region.nearest(point)
+
+
+def test_nearest_does_not_call_a_region_with_a_missed_hole_empty():
+    """The hole is much smaller than the spacing of the samples, and no sample is in it."""
+    centre = unit([0.3, 0.5, 0.81])
+
+    def margins(places):
+        distance = np.linalg.norm(places - centre, axis=1)
+        return (1.0 - 2.0 * np.exp(-((1e4 * distance) ** 2)))[:, None]
+
+    region = find_region(margins)
+    assert len(region.components) == 1
+    with pytest.raises(RegionError, match="in a hole of the region that the search missed"):
+        region.nearest(centre)
+
+
+def test_the_message_of_an_empty_region_is_complete_if_no_small_set_excludes():
+    """Five margins exclude one sector each, so that only all five exclude everything."""
+    middles = 0.4 * np.pi * np.arange(5)
+
+    def margins(places):
+        azimuth = np.arctan2(places[:, 1], places[:, 0])
+        return np.cos(0.2 * np.pi) - 0.02 - np.cos(azimuth[:, None] - middles)
+
+    region = find_region(margins, 1e-2, most=50_000)
+    assert region.components == region.excluding == ()
+    with pytest.raises(RegionError, match="no set of at most 4 margins is the reason"):
+        region.nearest([1, 0, 0])
+
+
 def test_a_margin_that_is_undefined_outside_its_region_gives_the_same_area():
     """The area of a cap is the same if a margin is NaN outside of it.
 
@@ -371,6 +416,15 @@ def test_the_volume_of_orientations_of_one_axis_is_two_pi_times_its_area():
         assert abs(region.volume - exact_volume) <= region.error
 
 
+@pytest.mark.parametrize("exponent", [-600, 600])
+def test_the_unit_of_a_margin_does_not_change_the_volume_of_orientations(exponent):
+    """The squares of such margins are too small or too large for floating-point numbers."""
+    margins = tilt([0, 0, 1], [0, 0, 1], 0.6)
+    found = find_orientations(margins, 2e-2)
+    other_unit = find_orientations(lambda q: np.ldexp(margins(q), exponent), 2e-2)
+    assert (other_unit.volume, other_unit.error) == (found.volume, found.error)
+
+
 def test_limits_of_the_work_are_told_by_the_error():
     within = tilt([0, 0, 1], [0, 0, 1], 0.6)
     exact = 4.0 * np.pi**2 * (1.0 - np.cos(0.6))
@@ -448,3 +502,28 @@ def test_a_border_of_undefined_margins_is_excluded_only_by_negative_margins():
     assert segments.is_sound.tolist() == [True]
     segments.reject_excluded_segments(evaluate, first)
     assert segments.is_sound.tolist() == [True]
+
+
+def test_the_class_of_a_triangle_does_not_depend_on_the_order_of_its_vertices():
+    """Margins of degree 3 in a triangle with one right angle, in all six orders."""
+    corners = unit([[0.0, 0.0, 1.0], [0.2, 0.0, 1.0], [0.0, 0.2, 1.0]])
+    orders = np.array(list(permutations(range(3))))
+    # (10, 6, 3) barycentric coordinates of the samples for each order.
+    vertices = np.eye(3)[orders]
+    samples = list(np.moveaxis(vertices, 1, 0))
+    samples += [0.5 * (vertices[:, k] + vertices[:, (k + 1) % 3]) for k in range(3)]
+    for k in range(3):
+        edge = np.sort(orders[:, [k, (k + 1) % 3]], axis=1)  # lower number first
+        samples.append(0.75 * np.eye(3)[edge[:, 0]] + 0.25 * np.eye(3)[edge[:, 1]])
+    samples.append(np.full((6, 3), 1.0 / 3.0))
+    _, x, y = np.moveaxis(np.array(samples), 2, 0)
+    rng = np.random.default_rng(0)
+    seen = set()
+    for _ in range(1000):
+        a, b, c, d = rng.normal(size=4) * 0.06
+        margins = rng.normal() * 0.5 + rng.normal() * x + rng.normal() * y
+        margins += a * x**3 + b * x**2 * y + c * x * y**2 + d * y**3
+        classes, _ = classify_triangles(corners, orders, margins[:, :, None])
+        assert len(set(classes)) == 1
+        seen.update(classes)
+    assert {TriangleClass.SIMPLE, TriangleClass.OPEN} <= seen

@@ -15,6 +15,8 @@ from mechanism_examples.named_mechanisms import four_bar
 from scipy.optimize import brentq
 
 import spherekit as sk
+from spherekit.geometry.triangle import close_dyad, frame_toward
+from spherekit.geometry.vectors import unit_rows
 from spherekit.numerics.sign_changes import find_sign_changes
 from spherekit.positions import modes_over_range
 from spherekit.positions.loop_tree import LoopTree
@@ -166,3 +168,32 @@ def test_a_search_of_modes_ends_after_its_limit_of_steps(monkeypatch):
     match = re.search(rf"stopped at {count} modes after (\d+) steps", short_search.search)
     assert match is not None
     assert int(match[1]) > 10 * count
+
+
+@pytest.mark.parametrize("distance", [1e-14, 1e-13, 1e-12, 1e-10])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_frames_between_nearly_collinear_axes_are_orthonormal(distance, sign):
+    """The axes nearly coincide, or are nearly opposite (`sign` -1)."""
+    rng = np.random.default_rng(1)
+    axes = unit_rows(rng.normal(size=(200, 3)))
+    targets = sign * unit_rows(axes + distance * rng.normal(size=(200, 3)))
+    frames = frame_toward(axes, targets)
+    products = np.swapaxes(frames, 1, 2) @ frames
+    assert np.allclose(products, np.eye(3), rtol=0.0, atol=1e-14)
+    assert np.array_equal(frames[..., 2], axes)
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-16, 1e-13, 1e-12])
+def test_a_dyad_with_a_very_short_arc_has_proper_rotations(distance):
+    """The other arc equals the base, so that the dyad closes."""
+    rng = np.random.default_rng(2)
+    first, second, outer = unit_rows(rng.normal(size=(3, 500, 3)))
+    middle = unit_rows(outer + distance * rng.normal(size=(500, 3)))
+    closure = close_dyad(
+        first, second, (outer, middle), (second, first), sign=1.0, slack=1e-8
+    )
+    assert closure.closes.all()
+    for rotation in (closure.first_rotation, closure.second_rotation):
+        products = np.swapaxes(rotation, 1, 2) @ rotation
+        assert np.allclose(products, np.eye(3), rtol=0.0, atol=1e-14)
+        assert np.allclose(np.linalg.det(rotation), 1.0, rtol=0.0, atol=1e-14)

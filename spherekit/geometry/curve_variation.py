@@ -29,6 +29,7 @@ from spherekit.geometry.parametric_curve import (
 from spherekit.geometry.profile_curve import azimuth_panels, spline_fits
 from spherekit.geometry.vectors import cross, dot
 from spherekit.numerics.complex_step import add_complex_step, extract_derivative
+from spherekit.tolerances import PROFILE_END_ROUNDING
 
 _POWER_DERIVATIVES = np.array(
     [[perm(power, order) for power in range(6)] for order in range(6)], float
@@ -381,15 +382,20 @@ class CurveDerivative:
         Returns
         -------
         (8, n) derivatives. Rows 0 to 2 are those of the tangent, 3 to 5 those of the point,
-        6 that of the geodesic curvature k, and 7 that of dk/ds.
+        6 that of the geodesic curvature k, and 7 that of dk/ds. NaN beyond an end of an
+        open curve.
         """
         variation = self.variation
         signed_lengths = -s if self.backwards else s
         laps = self._count_laps(signed_lengths)
         path_lengths = signed_lengths + laps * variation.arc_length.length
         path_length_rates = laps * variation.length_rate
+        # An open curve has no points beyond its ends. Its polynomials are not continued.
+        length = variation.arc_length.length
+        lengths_on_path = np.clip(path_lengths, 0.0, length)
+        is_beyond = np.abs(path_lengths - lengths_on_path) > PROFILE_END_ROUNDING * length
 
-        u = variation.find_parameters(path_lengths)
+        u = variation.find_parameters(lengths_on_path)
         u_rates = variation.find_parameter_rates(u, path_length_rates)
 
         # The path has complex numbers: the imaginary part is the derivative with respect to
@@ -397,7 +403,10 @@ class CurveDerivative:
         # imaginary parts of the frames have the sum of the two effects in step 3.
         moving_u = add_complex_step(u, u_rates)
         frames = variation.path.frames(moving_u)
-        return self._differentiate_points(frames)
+        derivatives = self._differentiate_points(frames)
+        if not variation.closed:
+            derivatives[:, is_beyond] = np.nan
+        return derivatives
 
     def _count_laps(self, signed_lengths: Floats) -> Floats:
         """Return how many lengths of the path bring arc lengths into its range.

@@ -17,6 +17,7 @@ from spherekit.geometry.region_margins import (
 )
 from spherekit.geometry.region_refinement import RegionRefinement
 from spherekit.geometry.sphere_mesh import list_edges
+from spherekit.geometry.vectors import max_abs, unit_rows
 from spherekit.numerics.connectivity import label_components
 
 AREA_ROUNDING_SR = 1e-14
@@ -133,14 +134,16 @@ class Region:
         triangles contain tangent borders, corners sharper than 0.25 rad, or the border of
         where a margin is defined.
     components
-        Connected parts, the largest first.
+        Connected parts, the largest first. A part with an area below `unresolved` may be
+        connected to another part. The area of such a part can be negative by its error.
     gaps
         Connected parts of the outside, the largest first. All but the first are holes.
     boundaries
         Closed curves between a component and a gap.
     excluding
         For an empty region, the smallest sets of margins that no direction satisfies
-        together, as indices of margins.
+        together, as indices of margins. Sets of more than `MAX_EXCLUDING_MARGINS` margins
+        are not searched, so there may be none.
     points
         (V, 3) vertices of the mesh.
     triangles
@@ -200,27 +203,49 @@ class Region:
         Raises
         ------
         RegionError
-            The region is empty, or the direction is not a vector.
+            The region is empty, or the direction is not a vector. Or the direction is in a
+            hole that the mesh missed, and no border is known.
         """
-        direction = np.asarray(point, dtype=float)
-        length = np.linalg.norm(direction)
-        if direction.shape != (3,) or not 0.0 < length < np.inf:
-            raise RegionError(
-                f"{point!r} is not a direction; give three finite numbers, not all 0"
-            )
-        direction = direction / length
+        direction = _unit_direction(point)
         # `sampled` has known values, from which the evaluator estimates rounding errors.
         evaluate = MarginEvaluator(self.margins, sampled=self.values)
         if smallest_margins(evaluate(direction[None]))[0] >= 0.0:
             return direction
         # Outside, the nearest point is on the border. `border.margin` has one item for each
-        # segment of the border. If there is no segment, the region is empty.
-        if not len(self.border.margin):
+        # segment of the border. If there is no segment, the region is empty, or it is the
+        # whole sphere except for holes between the samples.
+        if len(self.border.margin):
+            return find_nearest_point(self.border, evaluate, direction)
+        if self.components:
             raise RegionError(
-                "the region is empty, so no point of it is nearest; sets of margins that "
-                f"exclude each other: {self.excluding}"
+                "the direction is in a hole of the region that the search missed, so its "
+                "border is not known; find the region with a smaller spacing"
             )
-        return find_nearest_point(self.border, evaluate, direction)
+        reason = f"sets of margins that exclude each other: {self.excluding}"
+        if not self.excluding:
+            reason = f"no set of at most {MAX_EXCLUDING_MARGINS} margins is the reason"
+        raise RegionError(f"the region is empty, so no point of it is nearest; {reason}")
+
+
+def _unit_direction(point: Sequence[float] | Floats) -> Floats:
+    """Return the unit vector (3,) of a direction (3,) of any length.
+
+    Raises
+    ------
+    RegionError
+        If the direction is not three finite numbers, or if all are 0.
+    """
+    try:
+        direction = np.asarray(point, dtype=float)
+    except (TypeError, ValueError):
+        direction = np.zeros(0)
+    largest = max_abs(direction)
+    if direction.shape != (3,) or not 0.0 < largest < np.inf:
+        raise RegionError(
+            f"{point!r} is not a direction; give three finite numbers, not all 0"
+        )
+    # Squares of huge or tiny components would leave the range of numbers.
+    return unit_rows(direction / largest)
 
 
 def find_region(
@@ -257,7 +282,8 @@ def find_region(
     Raises
     ------
     RegionError
-        A size is not positive, or the margins do not return a row for each place.
+        A size is not positive and finite. The margins do not return a row for each place,
+        or not the same number of margins in every call, or an infinite margin.
     """
     require_positive(
         {"tolerance": tolerance, "spacing": spacing, "feature": feature, "most": most}
@@ -419,7 +445,7 @@ def _find_excluding_sets(
 
     Returns
     -------
-    Sets of indices of margins. No set contains another one.
+    Sets of at most `MAX_EXCLUDING_MARGINS` indices of margins. No set contains another one.
     """
 
     def excludes_all(margins: tuple[int, ...]) -> bool:

@@ -140,9 +140,10 @@ def _cosine_minus_dot(arc: HalfAngle, sum_square: Any, difference_square: Any) -
     Two formulas give the result. |a - c|^2 / 2 - 2 sin^2(arc / 2) keeps its digits if a and
     c nearly coincide. 2 cos^2(arc / 2) - |a + c|^2 / 2 keeps its digits if a and c are
     nearly opposite. Digits matter where the result is near 0, so that the angle between a
-    and c is near the arc. If the arc is a number, an arc below 90 degrees therefore selects
-    the first formula, a longer one the second. If the arc is an expression, the weighted
-    mean of both formulas is used. Its weights |a + c|^2 and |a - c|^2 add up to 4.
+    and c is near the arc. If the arc is a number, a positive cosine of the arc therefore
+    selects the first formula, another one the second. If the arc is an array or an
+    expression, the weighted mean of both formulas is used. Its weights |a + c|^2 and |a -
+    c|^2 add up to 4.
     """
     first = 0.5 * difference_square - 2.0 * (arc.sine * arc.sine)
     second = 2.0 * (arc.cosine * arc.cosine) - 0.5 * sum_square

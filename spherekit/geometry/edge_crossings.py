@@ -24,6 +24,7 @@ class EdgeCrossings:
         (c, 3) unit vectors.
     margins
         (c,) index of the margin that is zero at each of the c crossings.
+        `UNDEFINED_MARGIN` (-1) if the region ends because a margin is NaN.
     """
 
     def __init__(self) -> None:
@@ -62,7 +63,7 @@ class EdgeCrossings:
         new_keys = np.setdiff1d(keys, self._keys)
         new_inside = _inside_vertices(new_keys)
         new_outside = _outside_vertices(new_keys)
-        # The points, and the index of the margin that is zero at each of them.
+        # The points, and the index of the margin that ends the region at each of them.
         points, zero_margins = find_crossings(
             evaluate, vertices[new_inside], vertices[new_outside]
         )

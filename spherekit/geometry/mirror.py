@@ -16,6 +16,15 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Floats
 from spherekit.errors import SolveError
 from spherekit.geometry.rotation import angles_between, transpose
+from spherekit.geometry.vectors import all_finite
+from spherekit.tolerances import EPS
+
+NORMAL_ROUNDING = 4.0 * EPS
+"""Rounding error of n_z^2 if n_z is computed from the angles phi and gamma of a mirror.
+
+Larger: angles of which no mirror exists give a mirror with n_z = 0. Smaller: mirrors with
+n_z = 0 are lost by rounding.
+"""
 
 
 def reflections(normals: Floats) -> Floats:
@@ -45,7 +54,8 @@ def mirror_angles(normals: Floats) -> tuple[Floats, Floats, Floats]:
     of phi, all three angles are smooth where P passes through Q. Chen et al. 2021 have
     phi >= 0 only.
     """
-    x, y, z = np.moveaxis(upward(normals), -1, 0)
+    # Adding 0 turns -0 into 0. With z = -0, `arctan2` would give an omega beyond pi / 2.
+    x, y, z = np.moveaxis(upward(normals) + 0.0, -1, 0)
     phi = -2.0 * np.arctan2(x, np.hypot(y, z))
     gamma = 2.0 * np.arctan2(y, np.hypot(x, z))
     omega = np.arctan2(y, z)
@@ -65,21 +75,24 @@ def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
     Parameters
     ----------
     phi, gamma
-        (n,) angles (rad).
+        (n,) angles (rad) between -pi and pi.
 
     Returns
     -------
-    (n, 3) normals with n_z >= 0. NaN if no unit vector has these n_x and n_y, because
-    n_x^2 + n_y^2 > 1.
+    (n, 3) normals with n_z >= 0. NaN if an angle is not finite, or if no unit vector has
+    these n_x and n_y, because n_x^2 + n_y^2 > 1. A sum above 1 by rounding only gives n_z =
+    0.
     """
     half_phi = 0.5 * np.asarray(phi, dtype=float)
     half_gamma = 0.5 * np.asarray(gamma, dtype=float)
-    x = -np.sin(half_phi)
-    y = np.sin(half_gamma)
-    # This product equals 1 - x^2 - y^2, but loses no digits where it is nearly zero.
-    z_square = np.cos(half_phi + half_gamma) * np.cos(half_phi - half_gamma)
     with np.errstate(invalid="ignore"):
-        z = np.sqrt(z_square)
+        x = -np.sin(half_phi)
+        y = np.sin(half_gamma)
+        # This product equals 1 - x^2 - y^2, but loses no digits where it is nearly zero.
+        z_square = np.cos(half_phi + half_gamma) * np.cos(half_phi - half_gamma)
+        # At n_z = 0 rounding errors decide about the sign.
+        is_rounded = (z_square >= -NORMAL_ROUNDING) & (z_square < 0.0)
+        z = np.sqrt(np.where(is_rounded, 0.0, z_square))
     # If z is NaN, the added term makes the other components NaN too.
     return np.stack([x, y, z], axis=-1) + 0.0 * z[..., None]
 
@@ -90,14 +103,20 @@ def normal_at(phi: float, gamma: float) -> Floats:
     A mirror is a plane through the centre of the sphere. In some mechanisms, base and
     output are mirror images of each other. The mirror is then called the mid-plane of both.
     The angles are defined by the normal (-sin(phi / 2), sin(gamma / 2), n_z) with n_z >= 0
-    (Chen et al. 2021). The sizes of phi and gamma are the arcs from the points (1, 0, 0)
-    and (0, 1, 0) to their mirror images.
+    (Chen et al. 2021). The angles are between -pi and pi. The sizes of phi and gamma are
+    the arcs from the points (1, 0, 0) and (0, 1, 0) to their mirror images.
 
     Raises
     ------
     SolveError
-        If sin^2(phi / 2) + sin^2(gamma / 2) > 1: no unit vector has these components.
+        If an angle is not finite. If sin^2(phi / 2) + sin^2(gamma / 2) > 1: no unit vector
+        has these components.
     """
+    if not all_finite([phi, gamma]):
+        raise SolveError(
+            f"the mid-plane has phi = {phi} rad and gamma = {gamma} rad; give two finite "
+            "angles"
+        )
     normal = normals_of(phi, gamma)
     if np.any(np.isnan(normal)):
         raise SolveError(

@@ -45,7 +45,7 @@ FIRST_HALVINGS = 3
 """Number of times the cubes are halved before the first evaluation."""
 
 MIN_CELL_WIDTH = 4
-"""Cells of this width, in units, are not halved: their samples are only one unit apart."""
+"""Cells of this width, in units, are not halved: a quarter of the width is one unit."""
 
 SUBCELLS_PER_SIDE = 6
 """Number of subcells along each side of a cell, in which the volume is summed. Larger: more
@@ -92,7 +92,8 @@ class Orientations:
         Volume of these orientations. All orientations together have the volume 8 pi^2.
     error
         Estimate of the error of the volume: its change when cells (small cubes of the space
-        of orientations) were halved the last time.
+        of orientations) were halved the last time. For cells that were never halved it is
+        their whole volume, if they may contain a border.
     place
         (4,) unit quaternion xyzw of the orientation deepest inside the set, among those at
         which margins were evaluated.
@@ -175,7 +176,8 @@ def find_orientations(
     A margin is a function of the orientation that is negative where, for example, a limit
     is exceeded. The space of orientations is divided into cells. Cells in which a margin
     may change its sign are halved in all three directions, until the volume is known well
-    enough.
+    enough. Parts of the set that lie between the samples of a cell can be missed. The error
+    does not contain them.
 
     Parameters
     ----------
@@ -186,7 +188,9 @@ def find_orientations(
     tolerance
         Required error, relative to the volume.
     most
-        Evaluations after which the search ends, even if the error is larger.
+        Limit of the number of evaluations. Even if the error is larger, the search ends
+        before cells are halved whose estimated cost would exceed the limit. The first cells
+        are always evaluated.
 
     Returns
     -------
@@ -196,7 +200,8 @@ def find_orientations(
     Raises
     ------
     RegionError
-        A size is not positive, or the margins do not return a row for each orientation.
+        If the tolerance or `most` is not positive and finite. If the margins do not return
+        a row for each orientation, or if one of them is infinite.
     """
     require_positive({"tolerance": tolerance, "most": most})
     evaluate = MarginEvaluator(margins)
@@ -594,12 +599,12 @@ def _bound_margins(samples: Floats, checks: Floats) -> _MarginRange:
 
 
 def _filled_parts(samples: Floats) -> Floats:
-    """Return, for each subcell of n cells, the part that belongs to the orientation set.
+    """Return which fraction of each subcell of n cells belongs to the orientation set.
 
     A cell is a cube, divided into SUBCELLS_PER_SIDE equal subcells along each side. A
-    margin is a function that is at least 0 in the set. For each margin, the part of the
-    subcell in which the margin is positive is estimated. The smallest of these parts is
-    returned.
+    margin is a function that is at least 0 in the set. For each margin, the fraction of the
+    subcell in which the margin is positive is estimated. The set is where all margins are
+    positive, so its fraction is at most the smallest of these, which is returned.
 
     Parameters
     ----------
@@ -609,7 +614,7 @@ def _filled_parts(samples: Floats) -> Floats:
 
     Returns
     -------
-    (n, SUBCELL_COUNT) parts from 0 to 1.
+    (n, SUBCELL_COUNT) fractions from 0 to 1.
     """
     cell_count, margin_count = samples.shape[1:]
     parts = np.empty((cell_count, SUBCELL_COUNT))
@@ -642,6 +647,10 @@ def _filled_fractions(polynomials: Floats) -> Floats:
     -------
     (SUBCELL_COUNT, m) fractions from 0 to 1.
     """
+    # Fractions do not depend on the size of a polynomial. Its largest value is brought near
+    # 1 by a power of two, without rounding, so that no square overflows or vanishes.
+    _, exponents = np.frexp(max_abs(polynomials, axis=0))
+    polynomials = np.ldexp(polynomials, -exponents)
     centre_value = _AT_CENTRES @ polynomials  # (subcells, m)
     mean_value = _SUBCELL_MEANS @ polynomials  # (subcells, m)
     # (3, subcells, m) how much the polynomial changes over a subcell along each edge. A

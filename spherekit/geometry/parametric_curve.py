@@ -24,7 +24,7 @@ Larger: wrong vectors are accepted. Smaller: vectors in files need more digits.
 """
 
 MAX_FIRST_COMPONENT = 0.9
-"""Largest x component of a centre whose azimuth is counted from the x axis.
+"""Largest size of the x component of a centre whose azimuth is counted from the x axis.
 
 For a larger one the azimuth is counted from the y axis. The number is part of the meaning
 of files.
@@ -370,9 +370,15 @@ def axes_about(centre: ArrayLike) -> Floats:
     Raises
     ------
     ValueError
-        If the centre is not a unit vector.
+        If the centre is not a unit vector (3,).
     """
     vector = np.array(centre)
+    if vector.shape != (3,):
+        raise ValueError(
+            f"the vector to the centre has shape {vector.shape}; it has to be (3,)"
+        )
+    # Single precision and integers become double precision; complex numbers stay complex.
+    vector = vector.astype(np.result_type(vector, np.float64))
     # `abs` ignores the tiny imaginary part of a complex step.
     size = _length(vector)
     if not abs(size - 1.0) <= UNIT_LENGTH_TOLERANCE:

@@ -12,7 +12,7 @@ from spherekit.geometry.parametric_curve import (
     SplinePath,
 )
 from spherekit.geometry.triangle import arc
-from spherekit.geometry.vectors import cross, dot
+from spherekit.geometry.vectors import cross, dot, max_abs, unit_rows
 
 MIN_POINT_COUNT = 6
 """Smallest number of points of a curve: they determine one polynomial of degree 5."""
@@ -27,7 +27,8 @@ consist of rounding errors.
 ON_CIRCLE_TOLERANCE = 1e-13
 """Distance from a great circle up to which a point of a polyline is on the circle.
 
-Larger: nearby arcs count as touching. Smaller: arcs that touch up to rounding are missed.
+It is also the gap (rad) between two arcs up to which they can touch. Larger: nearby arcs
+count as touching. Smaller: arcs that touch up to rounding are missed.
 """
 
 MIN_CHECKED_ARCS = 400
@@ -56,8 +57,18 @@ def check_colatitude(path: FourierPath) -> None:
     Raises
     ------
     ValueError
-        If the colatitude reaches 0 or 180 degrees.
+        If the colatitude reaches 0 or 180 degrees. A coefficient of more than 180 degrees
+        proves this alone.
     """
+    # The coefficient of order 0 is the mean colatitude. The others are at most twice the
+    # mean size of colatitude - 90 deg. So no coefficient of an allowed colatitude exceeds
+    # 180 deg. `sines[0]` has no effect. Larger coefficients could overflow below.
+    largest = float(max_abs(np.append(path.cosines, path.sines[1:]), axis=0))
+    if largest > np.pi:
+        raise ValueError(
+            f"a coefficient of the colatitude has the size {np.rad2deg(largest):.6g} deg; "
+            "the colatitude then cannot stay between 0 and 180 deg"
+        )
     azimuths = _find_extremum_azimuths(path)
     (colatitudes,) = path.colatitude(azimuths, derivative_count=0)
     extreme = int(np.argmax(np.abs(colatitudes - 0.5 * np.pi)))
@@ -218,9 +229,9 @@ def _sample_panels(path: SplinePath, samples_per_panel: int) -> Floats:
 def _find_close_arcs(starts: Floats, ends: Floats) -> tuple[Indices, Indices]:
     """Return pairs of arcs of a closed chain of arcs that are near enough to meet.
 
-    Two arcs can meet only if the middles of their chords (straight lines between the ends)
-    are closer than the longer chord. Successive arcs share an end, so such pairs are left
-    out. A pair can be returned in both orders.
+    Two arcs can meet only if the distance of their middles is at most the mean of their
+    lengths. Arcs on one great circle meet if and only if this holds. Successive arcs share
+    an end, so such pairs are left out. A pair can be returned in both orders.
 
     Parameters
     ----------
@@ -233,19 +244,22 @@ def _find_close_arcs(starts: Floats, ends: Floats) -> tuple[Indices, Indices]:
     """
     from scipy.spatial import cKDTree
 
-    middles = 0.5 * (starts + ends)
-    chord_lengths = np.sqrt(dot(ends - starts, ends - starts))
-    # For each arc, the numbers of the arcs whose middles are not farther away than its
-    # chord is long. The factor covers rounding.
-    neighbours = cKDTree(middles).query_ball_point(middles, chord_lengths * (1.0 + 1e-9))
+    middles = unit_rows(starts + ends)
+    lengths = arc(starts, ends)
+    # For each arc, the numbers of the arcs whose middles are not farther away than its own
+    # length. The longer arc of each pair that meets finds the other one. The factor covers
+    # rounding.
+    neighbours = cKDTree(middles).query_ball_point(middles, lengths * (1.0 + 1e-9))
     neighbour_counts = [len(numbers) for numbers in neighbours]
     arc_count = len(starts)
     i = np.repeat(np.arange(arc_count), neighbour_counts)
     j = np.concatenate(list(neighbours))
     # Number of steps between both arcs along the chain, the shorter way round.
     steps_between = np.minimum((i - j) % arc_count, (j - i) % arc_count)
-    are_separate = steps_between > 1
-    return i[are_separate], j[are_separate]
+    mean_lengths = 0.5 * (lengths[i] + lengths[j])
+    are_near = arc(middles[i], middles[j]) <= mean_lengths + ON_CIRCLE_TOLERANCE
+    is_pair = are_near & (steps_between > 1)
+    return i[is_pair], j[is_pair]
 
 
 def _lie_on_both_sides(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:

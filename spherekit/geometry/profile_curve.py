@@ -74,7 +74,7 @@ class Curve:
     Attributes
     ----------
     path
-        The same curve as a function of another parameter.
+        The same curve as a function of its own parameter, such as the azimuth.
     table
         Arc length of the path as a function of its parameter; None if they are the same.
     length
@@ -103,9 +103,9 @@ class Curve:
     def _find_parameters(self, s: ArrayLike) -> tuple[Floats, Bools]:
         """Return the parameters of the path at arc lengths s (n,), rad, of the curve.
 
-        The path has the same points as the curve, but another parameter. A curve may run
-        backwards, against its path. An open backwards curve starts at the end of the path,
-        a closed one at the start of the path.
+        The path has the same points as the curve. Its parameter may be another one than
+        the arc length. A curve may run backwards, against its path. An open backwards curve
+        starts at the end of the path, a closed one at the start of the path.
 
         Returns
         -------

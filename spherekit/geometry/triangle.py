@@ -14,7 +14,7 @@ from spherekit.geometry.vectors import cross, unit_rows
 from spherekit.tolerances import REACH_SLACK
 
 MIN_SIDE_SINE = 1e-12
-"""Sine of the arc of a body below which its direction is only rounding.
+"""Sine of the arc of a body below which its direction counts as rounding error.
 
 Larger: more dyads count as singular. Smaller: the angle at the middle axis can be an angle
 between two rounding errors.
@@ -43,7 +43,16 @@ def frame_toward(axis: Floats, target: Floats) -> Floats:
         (..., 3) unit vectors. The first column is perpendicular to the axis and points
         along the arc to the target. The frame is NaN if both lie on one line.
     """
-    return frame_from(axis, cross(unit_rows(cross(axis, target)), axis))
+    return frame_from(axis, cross(unit_rows(_cross_of_units(axis, target)), axis))
+
+
+def _cross_of_units(a: Floats, b: Floats) -> Floats:
+    """Return the cross products of unit vectors (..., 3).
+
+    The rounding error is small compared with the product even if the vectors nearly
+    coincide or are nearly opposite. The product is then perpendicular to both.
+    """
+    return 0.5 * cross(a + b, b - a)
 
 
 def perpendicular(axis: Floats) -> Floats:
@@ -58,7 +67,7 @@ def perpendicular(axis: Floats) -> Floats:
 def arc(a: Floats, b: Floats) -> Floats:
     """Return the angles (...), rad, from 0 to pi, between unit vectors (..., 3).
 
-    Unlike the arc cosine, the formula keeps all digits near 0 and pi.
+    Unlike with the arc cosine, the error stays about 1e-16 rad near 0 and pi.
     """
     return np.arctan2(np.linalg.norm(cross(a, b), axis=-1), np.sum(a * b, axis=-1))
 
@@ -77,8 +86,8 @@ class TriangleAngles:
         the triangle does not close.
     closes
         (n,) whether a triangle with these sides exists: the sides satisfy the triangle
-        inequalities, and their sum is at most a full turn. A violation up to the slack
-        (rad) of `vertex_angles` is accepted.
+        inequalities, and their sum is at most a full turn. A violation up to twice the
+        slack (rad) of `vertex_angles` is accepted.
     """
 
     at_first: Floats
@@ -100,7 +109,8 @@ def vertex_angles(
         (n,) sides of n triangles (rad, 0 to pi): the base, the side at its first end and
         the side at its second end.
     slack
-        Error (rad) of the sides that is accepted, (n,) or the same for all.
+        Accepted error (rad), (n,) or the same for all. The triangle inequalities may be
+        violated by up to twice this angle.
     """
     # The triangle inequalities: none of these differences is negative.
     half_perimeter = 0.5 * (base + first_side + second_side)
@@ -212,12 +222,10 @@ def close_dyad(
         +1 or -1, or (n,) of these: the sign of middle . (first x second), which determines
         the assembly mode.
     slack
-        Accepted error (rad) of the outer axes, (n,) or one number for all. A triangle that
-        fails to close by less than this counts as closed.
+        Accepted error (rad) of each outer axis, (n,) or one number for all. A triangle that
+        fails to close by at most twice this angle counts as closed.
     """
-    # This equals first x second, but its rounding error is small compared with itself even
-    # if the axes nearly coincide.
-    outer_product = 0.5 * cross(first + second, second - first)
+    outer_product = _cross_of_units(first, second)
     base_sine = np.linalg.norm(outer_product, axis=-1, keepdims=True)
     normal = outer_product / np.where(base_sine > 0.0, base_sine, 1.0)
     base_sine = base_sine[:, 0]

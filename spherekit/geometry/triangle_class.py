@@ -19,7 +19,8 @@ For a polynomial of degree 3 the factor 2 is enough."""
 
 SLOPE_SAFETY_FACTOR = 12.0
 """Bound of the error of the slope of a margin, over the same largest error of the margin.
-For a polynomial of degree 3 the factor 11 is enough."""
+The slope is that along an edge at one of its ends, with the edge as unit of length. For a
+polynomial of degree 3 the factor 11 is enough."""
 
 MIN_CORNER_RAD = 0.25
 """Corners of the region that are sharper than this are cut out by ever smaller triangles.
@@ -160,7 +161,7 @@ def classify_triangles(
     uncertain in a triangle if its bounds in the triangle have different signs.
 
     - A triangle is outside if a margin is certainly negative, and inside if all margins are
-      certainly positive.
+      certainly at least 0.
     - A triangle is simple if the gradients of all uncertain margins, everywhere in the
       triangle, lie in a cone that is less than 180 deg wide. The smallest margin then rises
       along the axis of the cone. Its zeros are the graph of a function, so no curve closes
@@ -169,8 +170,9 @@ def classify_triangles(
       there.
     - Margins may be NaN at some samples. For their signs see `_bound_undefined_margins`. A
       sample counts as outside if some margins are NaN there and no margin is negative. A
-      triangle with such samples is outside if all samples are of this kind, and broken if
-      no margin is negative at any sample. Any other triangle with such samples is open.
+      triangle with such samples is outside if all samples are of this kind, or if a margin
+      is certainly negative. Otherwise it is broken if no margin is negative at any sample,
+      and open if one is.
 
     Parameters
     ----------
@@ -201,7 +203,7 @@ def classify_triangles(
     is_negative = high < 0.0
     is_uncertain = (low < 0.0) & (high >= 0.0)
 
-    # A triangle is inside if all margins are certainly positive, and simple if the
+    # A triangle is inside if all margins are certainly at least 0, and simple if the
     # gradients show a simple border. Any other triangle is open.
     classes = np.full(len(triangles), TriangleClass.INSIDE)
     classes[is_uncertain.any(axis=1)] = TriangleClass.OPEN
@@ -363,21 +365,27 @@ def _gradients_lie_in_cone(
     # towards vertex 3. Edge 13 has the components `shift` and `height`.
     base = np.linalg.norm(edge_12, axis=1)[:, None]
     shift = np.vecdot(edge_12, edge_13)[:, None] / base
-    height = np.linalg.norm(cross(edge_12, edge_13), axis=1)[:, None] / base
+    twice_area = np.linalg.norm(cross(edge_12, edge_13), axis=1)[:, None]
+    height = twice_area / base
     along_base = slopes[:, 0] / base
     gradient = along_base + 1j * (slopes[:, 1] - shift * along_base) / height
     size = np.abs(gradient)
-    # Largest change of the gradient if both slopes change by up to 1: both components of
-    # the gradient above, with the signs that make them largest.
-    base_change = 1.0 / base
-    height_change = (1.0 + np.abs(shift) / base) / height
-    change_per_slope = np.hypot(base_change, height_change)
+    # (3, n, 1) largest change of the gradient at each vertex, if the slopes along both
+    # edges u and v at the vertex change by up to 1. The change is |u + v| or |u - v| over
+    # |u x v|.
+    to_next = np.roll(corners, -1, axis=1) - corners
+    to_previous = np.roll(corners, 1, axis=1) - corners
+    longest_diagonal = np.maximum(
+        np.linalg.norm(to_next + to_previous, axis=2),
+        np.linalg.norm(to_next - to_previous, axis=2),
+    )
+    change_per_slope = (longest_diagonal / twice_area).T[:, :, None]
     with np.errstate(all="ignore"):
         # The axis of the cone is the mean of all unit gradients. A margin is not exactly of
         # degree 2. The error of a slope is estimated as `SLOPE_SAFETY_FACTOR` times the
-        # measured error of the margin, which is enough for degree 3. The relative error of
-        # a gradient is also the error (rad) of its angle to the axis. The cosine of this
-        # angle changes by no more than the angle.
+        # measured error of the margin, which is enough for degree 3. With the relative
+        # error r of a gradient, its angle to the axis changes by up to asin(r). The cosine
+        # of this angle decreases by no more than r if it is at least r.
         slope_error = SLOPE_SAFETY_FACTOR * error
         slack = slope_error * change_per_slope / size
         directions = np.where(is_uncertain, gradient / size, 0.0)

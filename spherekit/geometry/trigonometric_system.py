@@ -3,8 +3,8 @@
 The arc between two axes of bodies that are joined by R pairs gives such an equation. A
 system has t = 1, 2 or 3 equations in as many angles x, y, z. An array (n, t, 3, ..., 3)
 stores n systems: axis 1 counts the equations, and the last t axes belong to the angles.
-Index 0, 1, 2 of such an axis is the factor of 1, the cosine and the sine of the angle. The
-equation is the sum of the coefficients times these factors.
+Indices 0, 1 and 2 of such an axis are the coefficients of 1, the cosine and the sine of the
+angle. The left side of an equation is the sum of the coefficients times these factors.
 
 All angles but the first are eliminated by resultants:
 
@@ -43,8 +43,10 @@ configuration an equation can lose an angle, for example.
 """
 
 SAMPLES_PER_DEGREE = 4
-"""Samples of the eliminant for each of its degrees. Two and one sample determine it; the
-others show coefficients beyond the degree, which are rounding errors."""
+"""Number of samples of the eliminant, divided by its degree d. Already 2 d + 1 samples
+determine it. The others show coefficients beyond the degree, which are rounding
+errors.
+"""
 
 MAX_COEFFICIENT_ERROR = 1e-9
 """Largest rounding error of a coefficient of the eliminant, relative to its largest one.
@@ -62,7 +64,8 @@ arcs have coefficients of about 1."""
 
 UNDETERMINED_RATIO = 1e-5
 """The first of three equations does not determine y if the part of it that depends on y is
-smaller than this, relative to the whole equation."""
+smaller than this, relative to the whole equation. At a solution the rest of the equation is
+as small as this part, so the check at roots measures both together."""
 
 MATCHED_IMAGINARY_RAD = 0.3
 """Every root whose angle has an imaginary part up to this must lead to a solution.
@@ -245,7 +248,8 @@ class NewtonResult:
     angles
         (n, m, t) angles (rad) of n systems with t unknowns, from m starts each.
     residual
-        (n, m) largest error of the equations, relative to the size of their terms.
+        (n, m) largest error of the equations, relative to the size of the factors. It is
+        not relative to the coefficients, which are about 1.
     is_flat
         (n, m) whether the matrix of derivatives (Jacobian) is almost singular. Several
         solutions may coincide there.
@@ -260,13 +264,15 @@ class NewtonResult:
 class RootSolutions(ArrayRows):
     """Angles computed from roots of the eliminant, in the order of the roots.
 
+    Newton's method has one start or several starts for each root.
+
     The eliminant is the polynomial in e^(ix), with x the first angle, that remains when the
     other angles of a system of equations are eliminated. Each root gives a first angle.
 
     Attributes
     ----------
     angles
-        (n, m, t) angles (rad) of n systems with t unknowns, for m roots.
+        (n, m, t) angles (rad) of n systems with t unknowns, from m starts each.
     is_solution
         (n, m) whether Newton's method converged to a solution whose first angle belongs to
         the root.
@@ -372,11 +378,12 @@ def _resultant_degree(incidence: Bools, angle: int) -> int:
 
 
 def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complexes, str]:
-    """Return the solutions of one system of equations with nearly real first angles.
+    """Return the real solutions of one system of equations, and some complex ones.
 
     Each equation is a polynomial in the cosines and sines of angles. Real solutions are the
-    configurations of a mechanism. Rounding can make real solutions slightly complex, so
-    nearly real ones are returned.
+    configurations of a mechanism. Rounding can make real solutions slightly complex.
+    Complex solutions are therefore returned too, if the imaginary part of the first angle
+    is below `MAX_IMAGINARY_RAD`.
 
     Parameters
     ----------
@@ -446,7 +453,8 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
     A system has t equations in t angles. If all angles except the first angle x are
     eliminated, the eliminant remains: a trigonometric polynomial in x. With the degree d
     its terms are e^(ikx) with k from -d to d, so it has 2 d roots e^(ix). The solutions of
-    a system are complete if 2 d different ones are found. Most systems of three equations
+    a system are complete if 2 d different ones are found. The zeros of a single equation
+    are not compared: a double zero is returned twice. Most systems of three equations
     are solved by Newton's method from the solutions of a neighbour in the list. Neighbours
     should therefore be similar.
 
@@ -509,8 +517,8 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
     """Return starting values for Newton's method of the real solutions of n systems.
 
     A system has as many trigonometric equations as angles. Only systems with clear roots
-    e^(ix) of the first angle x are decided: separate roots, each clearly on or off the unit
-    circle.
+    e^(ix) of the first angle x are decided. Each root must be clearly on or off the unit
+    circle, and the roots on it must be separate.
 
     Parameters
     ----------
@@ -539,7 +547,7 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
         is_real = circle_distance < ON_CIRCLE_RAD
         is_clear = np.all(is_real | (circle_distance > OFF_CIRCLE_RAD), axis=1)
         is_clear &= eliminant_roots.relative_errors < MAX_COEFFICIENT_ERROR
-        is_clear &= [not problem for problem in eliminant_roots.problems]
+        is_clear &= np.array(eliminant_roots.problems, dtype=str) == ""
 
         # Roots on the unit circle have a real first angle. A row of `first_angles` has the
         # real first angles of a system, then NaN.
@@ -557,7 +565,8 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
             # The first of three equations must determine the second angle.
             second_forms = _second_angle_forms(equations, first_angles)
             ratios = np.linalg.norm(second_forms, axis=2)
-            ratios /= np.linalg.norm(equations.reshape(len(ratios), -1), axis=1)[:, None]
+            coefficients = equations.reshape(len(ratios), 3 * 3**3)
+            ratios /= np.linalg.norm(coefficients, axis=1)[:, None]
             is_clear &= ~np.any(ratios < UNDETERMINED_RATIO, axis=1)
 
         n, root_count = first_angles.shape
@@ -961,7 +970,7 @@ def _determines_second_angle(equations: Numbers, denominators: Complexes) -> Boo
     denominators
         (n, m) c1^2 + c2^2 at m values of the first angle.
     """
-    first_equations = equations[:, 0].reshape(len(equations), -1)
+    first_equations = equations[:, 0].reshape(len(equations), 3**3)
     first_norms = np.linalg.norm(first_equations, axis=1)
     # The denominator is quadratic in the coefficients, so the limit of their norm is
     # squared.
@@ -1023,7 +1032,7 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
     highest_first = coefficients.by_order[:, ::-1]
     roots = _polynomial_roots(highest_first) * np.exp(1j * FIRST_SAMPLE_RAD)
     # For each system, why its roots do not give its solutions, or "".
-    problems = _find_problems(equations, samples)
+    problems = _find_problems(equations, samples, roots)
     return EliminantRoots(roots, coefficients.relative_errors, problems)
 
 
@@ -1053,16 +1062,19 @@ def _fourier_coefficients(samples: Complexes, degree: int) -> FourierCoefficient
     )
 
 
-def _find_problems(equations: Numbers, samples: EliminantSamples) -> list[str]:
+def _find_problems(
+    equations: Numbers, samples: EliminantSamples, roots: Complexes
+) -> list[str]:
     """Return, for each system, why its solutions cannot be found by elimination, or "".
 
     The eliminant is the polynomial in the first angle that remains when the other angles
-    are eliminated. There are two reasons:
+    are eliminated. There are three reasons:
 
     - An angle cannot be eliminated, because an equation that should determine it does not
       depend on it. Values of the eliminant can then be NaN or infinite.
     - An equation is empty, or the eliminant is zero everywhere, so that every value of the
       first angle would be a root.
+    - The coefficient of the highest power of e^(ix) is zero, so all roots are NaN.
 
     Parameters
     ----------
@@ -1071,10 +1083,12 @@ def _find_problems(equations: Numbers, samples: EliminantSamples) -> list[str]:
         about 1, so an equation with tiny coefficients is empty.
     samples
         Values of the eliminants at several first angles.
+    roots
+        (n, 2 * degree) roots of the eliminants, values of e^(ix).
     """
     can_eliminate = samples.can_eliminate & all_finite(samples.values, 1)
 
-    coefficients = equations.reshape(*equations.shape[:2], -1)
+    coefficients = equations.reshape(*equations.shape[:2], 3 ** equations.shape[1])
     equation_norms = np.linalg.norm(coefficients, axis=2)
     has_empty_equation = np.min(equation_norms, axis=1) < EMPTY_EQUATION_SIZE
 
@@ -1086,10 +1100,11 @@ def _find_problems(equations: Numbers, samples: EliminantSamples) -> list[str]:
     # For each system, the first reason that applies, or an empty text.
     has_infinitely_many = has_empty_equation | is_zero_everywhere
     reasons = np.select(
-        [~can_eliminate, has_infinitely_many],
+        [~can_eliminate, has_infinitely_many, ~all_finite(roots, 1)],
         [
-            "an equation of the elimination does not hold its angle",
+            "an equation does not depend on the angle that it must determine",
             "there are infinitely many complex solutions",
+            "the coefficient of the highest power of the eliminant is zero",
         ],
         default="",
     )
@@ -1301,7 +1316,7 @@ def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
 
 
 def _relative_residual(equations: Numbers, angles: Complexes) -> Floats:
-    """Return the largest residual of each solution, relative to the size of its terms.
+    """Return the largest residual of each solution, relative to the size of the factors.
 
     A term of an equation is a coefficient times one factor (1, cosine or sine) of each
     angle. Coefficients are about 1. Complex angles can have large cosines and sines, which

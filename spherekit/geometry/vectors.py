@@ -47,12 +47,18 @@ def dot_columns(a: Floats, b: Floats) -> Floats:
 
 
 def norm_columns(a: Floats) -> Floats:
-    """Return the lengths (..., n) of vectors (..., 3, n)."""
+    """Return the lengths (..., n) of vectors (..., 3, n).
+
+    Lengths must be between 1e-150 and 1e150, so that their squares are accurate numbers.
+    """
     return np.sqrt(dot_columns(a, a))
 
 
 def unit_rows(vectors: Floats) -> Floats:
-    """Return vectors (..., k) divided by their lengths; NaN for a vector of zeros."""
+    """Return vectors (..., k) divided by their lengths; NaN for a vector of zeros.
+
+    Lengths must be between 1e-150 and 1e150, so that their squares are accurate numbers.
+    """
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
