@@ -90,6 +90,10 @@ def diagram(**changes):
     return unchecked(Diagram, "d", "d", "x", "y", (0, 1), (0, 1), **(parts | changes))
 
 
+class DerivedMark(Mark):
+    """A mark of a class that `ARRAY_SHAPES` does not contain."""
+
+
 RIGHT = {
     "Series": Series("s", "s", "g", LINE),
     "Series as a list": Series("s", "s", "g", [1, 2, 3, 4, 5]),
@@ -127,6 +131,11 @@ WRONG = {
         unchecked(Series, "s", "s", "g", [[1], [1, 2]]),
         "rows of unequal length",
     ),
+    "Series with a mask": (
+        unchecked(Series, "s", "s", "g", np.ma.masked_greater(LINE, 0.5)),
+        "values has masked values; it has to be an array without a mask",
+    ),
+    "Series of a set": (unchecked(Series, "s", "s", "g", {1.0}), "values holds a set;"),
     "path is a number": (
         unchecked(Series, 3, "s", "g", LINE),
         "path is 3; it has to be a text",
@@ -149,6 +158,14 @@ WRONG = {
         unchecked(SphereCurves, "c", "c", [N3], 0, [unchecked(Mark, "m", np.zeros(2))]),
         "marks[0]: place has the shape (2,), but needs (d,); d is 3, coordinates",
     ),
+    "SphereCurves in an array without axes": (
+        unchecked(SphereCurves, "c", "c", np.array(1.0)),
+        "curves is a ndarray; it has to be a sequence",
+    ),
+    "marks of a derived class": (
+        unchecked(SphereCurves, "c", "c", [N3], 0, [unchecked(DerivedMark, "m", N3[0])]),
+        "marks[0] is a DerivedMark; it has to be a Mark(...)",
+    ),
     "marks as arrays": (
         unchecked(SphereCurves, "c", "c", [N3], 0, [N3[0]]),
         "has to be a Mark(...)",
@@ -165,6 +182,7 @@ WRONG = {
     ),
     "Portrait": (portrait(y=LINE[:4]), "y has the shape (4,), but needs (n,)"),
     "Portrait range": (portrait(x_range=(0, 1, 2)), "x_range has the shape (3,)"),
+    "Portrait unit": (portrait(x_unit=None), "x_unit is None; it has to be a text"),
     "Portrait curve": (
         portrait(curves=[unchecked(PlaneCurve, N3)]),
         "curves[0]: points has the shape",
@@ -178,6 +196,10 @@ WRONG = {
         unchecked(SphereMap, "m", "m", CORNERS, ONE_TRIANGLE + 1, LINE[:3]),
         "triangles has the corner 3, but the vertices have the numbers 0 to 2",
     ),
+    "SphereMap corner without vertices": (
+        unchecked(SphereMap, "m", "m", CORNERS[:0], ONE_TRIANGLE, LINE[:0]),
+        "triangles has the corner 0, but there are no vertices",
+    ),
     "SphereMap corners as floats": (
         unchecked(SphereMap, "m", "m", CORNERS, ONE_TRIANGLE * 1.0, LINE[:3]),
         "triangles contains float64 values",
@@ -187,7 +209,17 @@ WRONG = {
         "axes has 2 items, but needs 3",
     ),
     "Diagram names": (diagram(names=("a",)), "names has 1 items, but needs 2"),
+    "Surface values unit": (
+        unchecked(Surface, "u", "u", CORNERS, ONE_TRIANGLE, ("x", "y", "z"), values_unit=1),
+        "values_unit is 1; it has to be a text",
+    ),
     "Diagram words": (diagram(words=("a",)), "words has 1 texts"),
+    "Diagram words in one text": (diagram(words="abcde"), "words is a str;"),
+    "Diagram words None": (diagram(words=None), "words is a NoneType;"),
+    "Diagram reading names": (
+        diagram(reading_names=("a",)),
+        "reading_names has 1 items, but needs 2",
+    ),
     "Graph": (
         unchecked(Graph, "g", (("a", "a", 0),), (), ((0, 0), (1, 1))),
         "nodes has 1 items, but needs 2",
@@ -234,6 +266,14 @@ def test_wrong_scenes_are_refused_in_a_sentence(name):
         (
             unchecked(Scene, "own", (), (unchecked(Axis, "a", "", N3),)),
             "Axis 'a': values has the shape (5, 3)",
+        ),
+        (
+            unchecked(Scene, "own", (), (unchecked(Axis, None, "", LINE),)),
+            "label is None; it has to be a text",
+        ),
+        (
+            unchecked(Scene, "own", (), (unchecked(Axis, "a", 1, LINE),)),
+            "Axis 'a': unit is 1; it has to be a text",
         ),
         (
             unchecked(

@@ -146,8 +146,9 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
 
     A smaller mechanism is solved faster. Names, frames of links, zeros of variables and
     ranges of inputs stay as they are. Links and pairs get new indices. Masses, loads, joint
-    limits and outputs stay if all links and pairs to which they refer stay. If nothing can
-    be left out, or if this cannot be decided, the mechanism itself is returned.
+    limits, outputs and named assembly modes stay if all links and pairs to which they refer
+    stay. If nothing can be left out, or if this cannot be decided, the mechanism itself is
+    returned.
 
     Parameters
     ----------
@@ -159,7 +160,8 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     Raises
     ------
     PlanError
-        If an input is a contact, or if no pairs connect some links to the ground.
+        If an input is a contact, if there is no R pair, or if no pairs connect some links
+        to the ground.
     """
     try:
         assembly = plan_assembly(mechanism)

@@ -75,7 +75,7 @@ POLYLINE_FIELDS: Mapping[type, str] = {Body: "curves", SphereCurves: "curves"}
 
 SEQUENCE_LENGTHS: Mapping[type, Mapping[str, Size]] = {
     Body: {"joint_labels": "j"},
-    Diagram: {"names": "k", "tones": "k"},
+    Diagram: {"names": "k", "tones": "k", "reading_names": 2},
     Graph: {"nodes": "k"},
     Surface: {"axes": 3},
 }
@@ -95,7 +95,18 @@ OPTIONAL_FIELDS = {
 }
 """Array fields that may be None."""
 
-TEXT_FIELDS = ("path", "label", "markdown", "unit", "group", "x_label", "y_label")
+TEXT_FIELDS = (
+    "path",
+    "label",
+    "markdown",
+    "unit",
+    "group",
+    "x_label",
+    "y_label",
+    "x_unit",
+    "y_unit",
+    "values_unit",
+)
 """Fields that are texts, in every class that has them."""
 
 
@@ -166,8 +177,8 @@ def check_scene(
     ------
     PluginError
         If it is not a `Scene`, if its page is not an assembly mode of the run, if it
-        contains something that is not a primitive, or if a field has the wrong type or
-        shape.
+        contains something that is not a primitive, or if a field in the tables of this
+        module has the wrong type or shape.
     """
     if not isinstance(scene, Scene):
         raise PluginError(
@@ -222,7 +233,8 @@ def _check_axes(where: str, axes: Any) -> tuple[Axis, ...]:
     Raises
     ------
     PluginError
-        If the items are no axes, or have different numbers of values.
+        If the items are no axes, if a field of an axis has the wrong type or shape, or if
+        the axes have different numbers of values.
     """
     if not isinstance(axes, Sequence) or not all(isinstance(axis, Axis) for axis in axes):
         raise PluginError(f"{where}: over has to be a tuple of Axis(...)")
@@ -230,26 +242,23 @@ def _check_axes(where: str, axes: Any) -> tuple[Axis, ...]:
     for axis in axes:
         axis_words = f"{where}: Axis {axis.label!r}"
         # The values must be an array with one axis, of any length.
-        prescribed_lengths: dict[str, _SharedSize] = {}
-        values = _check_numbers(
-            f"{axis_words}: values", axis.values, ("n",), prescribed_lengths
-        )
+        changes = _check_fields(axis_words, axis, {})
+        values = changes["values"]
         if checked_axes and len(values) != len(checked_axes[0].values):
             raise PluginError(
                 f"{axis_words} has {len(values)} values, Axis "
                 f"{checked_axes[0].label!r} has {len(checked_axes[0].values)}; a row has "
                 "one of each axis"
             )
-        checked_axes.append(replace(axis, values=values))
+        checked_axes.append(replace(axis, **changes))
     return tuple(checked_axes)
 
 
 def _check_primitive(where: str, primitive: Any, rows: _SceneRows) -> Primitive:
     """Check a primitive, and return it with its arrays as NumPy arrays.
 
-    A primitive is an object that is drawn, such as a curve or an arrow. The tables
-    `ARRAY_SHAPES`, `POLYLINE_FIELDS` and `MARK_DIMENSIONS` say which fields of its class
-    are checked, and how.
+    A primitive is an object that is drawn, such as a curve or an arrow. The tables of this
+    module, such as `ARRAY_SHAPES`, say which fields of its class are checked, and how.
 
     Parameters
     ----------
@@ -300,11 +309,13 @@ def _check_primitive(where: str, primitive: Any, rows: _SceneRows) -> Primitive:
             )
     if isinstance(primitive, SphereMap | Surface):
         _check_triangles(where, changes["triangles"], len(changes["vertices"]))
-    if isinstance(primitive, Diagram) and len(primitive.words) not in (0, rows.count):
-        raise PluginError(
-            f"{where}: words has {len(primitive.words)} texts, but needs none or one for "
-            f"each of {rows.words}"
-        )
+    if isinstance(primitive, Diagram):
+        text_count = len(_check_sequence(where, "words", primitive.words))
+        if text_count not in (0, rows.count):
+            raise PluginError(
+                f"{where}: words has {text_count} texts, but needs none or one for each of "
+                f"{rows.words}"
+            )
     return replace(primitive, **changes)
 
 
@@ -381,10 +392,18 @@ def _check_numbers(
     sizes
         Known shared lengths, by letter. The lengths of new letters are added.
     """
+    if np.ma.is_masked(value):
+        # The conversion to an array would show the numbers under the mask.
+        raise PluginError(
+            f"{where} has masked values; it has to be an array without a mask, with NaN "
+            "where a number is missing"
+        )
+    is_ragged = False
     try:
         array = np.asarray(value)
     except ValueError:
         # Rows of unequal length are no array. An error is raised below.
+        is_ragged = True
         array = np.array(None)
     # The shape as Python writes it, with a comma after a single length.
     needed = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
@@ -392,8 +411,10 @@ def _check_numbers(
     if array.dtype.kind not in "fiub":
         if value is None or np.isscalar(value):
             content = repr(value)
-        elif array.shape == ():
+        elif is_ragged:
             content = "rows of unequal length"
+        elif array.shape == ():
+            content = f"a {type(value).__name__}"
         else:
             content = f"{array.dtype} values"
         raise PluginError(
@@ -428,14 +449,18 @@ def _check_sequence(where: str, name: str, value: Any, kind: type | None = None)
     name
         Name of the field.
     kind
-        The class of all items; by default they may be anything.
+        The class of all items, without derived classes. By default the items may be
+        anything.
     """
-    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
+    is_sequence = isinstance(value, Sequence) and not isinstance(value, str)
+    # An array of the shape () has no items.
+    if not is_sequence and not (isinstance(value, np.ndarray) and value.ndim):
         raise PluginError(
             f"{where}: {name} is a {type(value).__name__}; it has to be a sequence"
         )
     for k, item in enumerate(value):
-        if kind is not None and not isinstance(item, kind):
+        # As for primitives, `ARRAY_SHAPES` has no shapes for derived classes.
+        if kind is not None and type(item) is not kind:
             raise PluginError(
                 f"{where}: {name}[{k}] is a {type(item).__name__}; it has to be a "
                 f"{kind.__name__}(...)"
@@ -462,7 +487,9 @@ def _check_triangles(where: str, triangles: Array, vertex_count: int) -> None:
         )
     wrong_corners = triangles[(triangles < 0) | (triangles >= vertex_count)]
     if len(wrong_corners):
+        allowed = f"the vertices have the numbers 0 to {vertex_count - 1}"
+        if not vertex_count:
+            allowed = "there are no vertices"
         raise PluginError(
-            f"{where}: triangles has the corner {wrong_corners[0]}, but the vertices have "
-            f"the numbers 0 to {vertex_count - 1}"
+            f"{where}: triangles has the corner {wrong_corners[0]}, but {allowed}"
         )
