@@ -9,6 +9,8 @@ from spherekit.numerics.chebyshev import PiecewiseChebyshev, find_real_zeros
 from spherekit.numerics.least_squares import minimize_squares
 from spherekit.numerics.local_polynomials import make_local_polynomials
 from spherekit.numerics.minima import find_local_minima, minimize_in_brackets
+from spherekit.numerics.sign_changes import FIRST_EDGES, find_sign_changes
+from spherekit.numerics.tensor_chebyshev import TensorChebyshev
 from spherekit.numerics.zeros import find_zeros
 
 
@@ -240,3 +242,86 @@ def test_wrapped_angles_are_in_the_interval():
     """Odd multiples of pi are rounded, on either side of the ends of the interval."""
     wrapped = wrap(np.arange(-41, 42, 2) * np.pi)
     assert np.all((wrapped > -np.pi) & (wrapped <= np.pi))
+
+
+@pytest.mark.parametrize("offset", [-1e-9, -1e-10, -1e-12, 0.0, 1e-12, 1e-10, 1e-9])
+def test_a_sign_change_near_an_edge_of_a_cell_is_located_once(offset):
+    """The polynomials of the two cells have their zeros on either side of the edge."""
+    for centre in np.linspace(-0.4, 0.4, 9):
+        for edge in FIRST_EDGES[1:-1]:
+            zero = 4.0 * edge + offset
+
+            def function(x, zero=zero, centre=centre):
+                return (x - zero) / ((x - zero - centre) ** 2 + 0.35**2)
+
+            found, doubtful = find_sign_changes(function, 0.0, 4.0)
+            assert found == pytest.approx([zero], abs=1e-13)
+            assert not len(doubtful)
+
+
+def test_a_pole_at_a_sample_is_in_a_doubtful_interval():
+    """The value at the low end is infinite, and there is one sign change, at 0.5."""
+
+    def function(x):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return (x - 0.5) / x
+
+    found, ((start, stop),) = find_sign_changes(function, 0.0, 1.0)
+    assert found == pytest.approx([0.5], abs=1e-13)
+    assert start == 0.0 < stop < 1e-3
+
+
+def test_a_double_zero_beyond_the_range_is_not_doubtful():
+    for sense in (1.0, -1.0):
+        low, high = np.sort([0.0, sense])
+        found, doubtful = find_sign_changes(
+            lambda x, s=sense: (x + 1e-3 * s) ** 2, float(low), float(high)
+        )
+        assert not len(found)
+        assert not len(doubtful)
+
+
+@pytest.mark.parametrize("is_mirrored", [False, True])
+def test_a_zero_within_rounding_of_an_end_is_located_once(is_mirrored):
+    """At the distance 1e-9 from the end the slope is 1e-6, so the end value is 1e-15."""
+
+    def function(s):
+        t = 1.0 - s if is_mirrored else s
+        slope = 1e-6 + 2.0 * t
+        return 1e-6 * (t - 1e-9) + t * t, -slope if is_mirrored else slope
+
+    found = find_zeros(function, np.linspace(0.0, 1.0, 9))
+    assert found.places == pytest.approx([float(is_mirrored)], abs=2e-8)
+    assert found.double.tolist() == [False]
+
+
+@pytest.mark.parametrize("scale", [1e-280, 1e-200, 1.0, 1e200, 1e280])
+def test_zeros_do_not_depend_on_the_scale_of_the_function(scale):
+    found = find_zeros(
+        lambda s: (scale * np.sin(s), scale * np.cos(s)), np.linspace(0.0, 4 * np.pi, 17)
+    )
+    assert np.allclose(found.places, np.arange(5) * np.pi, rtol=0, atol=1e-14)
+    assert not np.any(found.double)
+
+
+def test_a_box_with_integer_corners_is_cut_in_the_middle():
+    def function(x):
+        return np.sin(9.0 * x)
+
+    series = TensorChebyshev.fit(function, np.array([0]), np.array([3]), 1e-9, np.ones(1))
+    assert series.covered_fraction == pytest.approx(1.0)
+    x = np.linspace(0.0, 3.0, 50)[:, None]
+    assert np.max(np.abs(series.evaluate(x) - function(x))) < 1e-8
+
+
+def test_the_limit_of_tensor_cells_can_be_reached():
+    """The function is cut into 8 cells, which are as many as are allowed."""
+    low, high, scales = np.zeros(1), np.ones(1), np.ones(1)
+    series = TensorChebyshev.fit(
+        lambda x: np.sin(30.0 * x), low, high, 1e-7, scales, max_cells=8
+    )
+    assert len(series.bounds) == 8
+    fewer = TensorChebyshev.fit(
+        lambda x: np.sin(30.0 * x), low, high, 1e-7, scales, max_cells=7
+    )
+    assert len(fewer.bounds) <= 7

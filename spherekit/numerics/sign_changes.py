@@ -3,7 +3,7 @@
 The range is cut into cells. In each cell the function is replaced by its Chebyshev
 polynomial, whose zeros are computed. A cell is halved until the polynomial agrees with the
 function, up to a small part of the largest value in the cell. The disagreement is estimated
-from the last coefficients and from a few samples between the nodes. See L. N. Trefethen,
+from the last coefficients and from a few samples away from the nodes. See L. N. Trefethen,
 Approximation Theory and Approximation Practice, 2013, chapter 18.
 """
 
@@ -16,6 +16,7 @@ from numpy.polynomial import chebyshev
 from spherekit.arrays import Floats
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.numerics.chebyshev import find_real_zeros, fit_cells, trim_series
+from spherekit.tolerances import EPS
 
 SIGN_CHANGE_DEGREE = 32
 """Degree of the polynomial in a cell. Larger: fewer cells, each with more samples."""
@@ -125,10 +126,11 @@ def find_sign_changes(
     """
     edges = low + (high - low) * FIRST_EDGES
     # (n, 2) ends of the cells of the current pass. Results of finished cells are collected
-    # in the three lists.
+    # in the four lists.
     cells = np.stack([edges[:-1], edges[1:]], axis=1)
     zeros_of_cells: list[Floats] = []
     slopes_of_cells: list[Floats] = []
+    uncertainties_of_cells: list[Floats] = []
     doubtful_of_cells: list[Floats] = []
     sampled_cells = 0
     fruitless_halvings = np.zeros(len(cells), dtype=int)
@@ -168,6 +170,7 @@ def find_sign_changes(
             content = contents[cell]
             zeros_of_cells.append(middles[cell] + half_widths[cell] * content.zeros)
             slopes_of_cells.append(content.slopes / half_widths[cell])
+            uncertainties_of_cells.append(half_widths[cell] * content.uncertainties)
             doubtful_of_cells.append(middles[cell] + half_widths[cell] * content.doubtful)
         if not np.any(is_halved):
             break
@@ -187,13 +190,29 @@ def find_sign_changes(
 
     positions = np.concatenate(zeros_of_cells)
     slopes = np.concatenate(slopes_of_cells)
+    uncertainties = np.concatenate(uncertainties_of_cells)
     doubtful_intervals = merge_intervals(np.concatenate(doubtful_of_cells))
+    # An extremum a little beyond an end of the range is not in the range.
+    is_in_range = (doubtful_intervals[:, 1] >= low) & (doubtful_intervals[:, 0] <= high)
+    doubtful_intervals = doubtful_intervals[is_in_range]
     # Near an extremum that is zero up to the error, sign changes may be due to the error.
     starts = doubtful_intervals[:, :1]
     stops = doubtful_intervals[:, 1:]
     is_doubtful = np.any((starts <= positions) & (positions <= stops), axis=0)
     positions = positions[~is_doubtful]
     slopes = slopes[~is_doubtful]
+    uncertainties = uncertainties[~is_doubtful]
+    # A zero near an edge may have been found in both cells. The slopes of two different
+    # zeros that follow one another have opposite signs.
+    order = np.argsort(positions)
+    positions, slopes, uncertainties = positions[order], slopes[order], uncertainties[order]
+    reach = uncertainties[:-1] + uncertainties[1:] + 4.0 * EPS * max(abs(low), abs(high))
+    is_repeated = (np.diff(positions) <= reach) & (
+        (slopes[:-1] > 0.0) == (slopes[1:] > 0.0)
+    )
+    is_new = np.append(True, ~is_repeated)[: len(positions)]
+    positions = np.clip(positions[is_new], low, high)
+    slopes = slopes[is_new]
     if len(positions):
         # The slopes of the polynomials replace the unknown derivative of the function.
         for _ in range(SIGN_CHANGE_NEWTON_STEPS):
@@ -214,7 +233,10 @@ class _CellContent:
     Attributes
     ----------
     zeros, slopes
-        (k,) positions of sign changes of the polynomial, and its derivatives at them.
+        (k,) positions of sign changes of the polynomial, and its derivatives at them. They
+        include zeros beyond an edge by less than their uncertainty.
+    uncertainties
+        (k,) estimated distances within which the zeros of the function are.
     doubtful
         (d, 2) ends of intervals about extrema that may be zero; the whole cell if the
         polynomial does not fit the function.
@@ -227,6 +249,7 @@ class _CellContent:
 
     zeros: Floats
     slopes: Floats
+    uncertainties: Floats
     doubtful: Floats
     needs_halving: bool
     rounding_error: float
@@ -251,8 +274,7 @@ def _examine_cell(
     series
         (degree + 1,) Chebyshev coefficients of the polynomial in the cell.
     deviations
-        Differences between the polynomial and the function at positions between the
-        samples.
+        Differences between the polynomial and the function at the check positions.
     largest_value
         Largest absolute sample in the cell.
     inherited_error
@@ -260,12 +282,14 @@ def _examine_cell(
     """
     # The error of the polynomial, by comparison and by the size of its last coefficients.
     error = max(np.max(deviations), np.max(np.abs(series[-TAIL_LENGTH:])))
-    # A polynomial that does not fit says nothing about the cell. The comparison is negated
-    # because the error is NaN where samples are NaN.
-    if not error <= FIT_TOLERANCE * largest_value or not largest_value:
+    # A polynomial that does not fit says nothing about the cell. The comparison is false if
+    # samples are NaN, because the error is NaN then.
+    fits = error <= FIT_TOLERANCE * largest_value and 0.0 < largest_value < np.inf
+    if not fits:
         return _CellContent(
             zeros=_NO_ZEROS,
             slopes=_NO_ZEROS,
+            uncertainties=_NO_ZEROS,
             doubtful=_WHOLE_CELL,
             needs_halving=True,
             rounding_error=0.0,
@@ -281,6 +305,7 @@ def _examine_cell(
         return _CellContent(
             zeros=_NO_ZEROS,
             slopes=_NO_ZEROS,
+            uncertainties=_NO_ZEROS,
             doubtful=_NO_INTERVALS,
             needs_halving=False,
             rounding_error=rounding_error,
@@ -293,7 +318,9 @@ def _examine_cell(
     doubtful = _enclose_touching_extrema(series, touching, error)
 
     # The polynomial is monotone between two extrema, so each sign change is a single zero.
-    cuts = np.unique([-1.0, *np.clip(extrema, -1.0, 1.0), 1.0])
+    # A zero of the function in this cell may be a zero of the polynomial beyond an edge.
+    limit = 1.0 + EDGE_MARGIN
+    cuts = np.unique([-limit, *extrema, limit])
     values = chebyshev.chebval(cuts, series)
     (changing,) = np.nonzero((values[:-1] >= 0.0) != (values[1:] >= 0.0))
     zeros, _ = find_bracketed_zeros(
@@ -303,9 +330,16 @@ def _examine_cell(
         values[changing],
         values[changing + 1],
     )
+    slopes = np.asarray(chebyshev.chebval(zeros, derivative), dtype=float)
+    # The smallest positive number avoids a division by 0.
+    sizes = np.maximum(np.abs(slopes), np.finfo(float).tiny)
+    uncertainties = np.minimum(NONZERO_ERROR_RATIO * error / sizes, EDGE_MARGIN)
+    # Rounding alone moves a zero by about EPS.
+    is_inside = np.abs(zeros) <= 1.0 + np.maximum(uncertainties, 4.0 * EPS)
     return _CellContent(
-        zeros=zeros,
-        slopes=np.asarray(chebyshev.chebval(zeros, derivative), dtype=float),
+        zeros=zeros[is_inside],
+        slopes=slopes[is_inside],
+        uncertainties=uncertainties[is_inside],
         doubtful=doubtful,
         needs_halving=len(touching) > 0 and not is_rounding,
         rounding_error=rounding_error,

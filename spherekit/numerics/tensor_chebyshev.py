@@ -1,9 +1,9 @@
 """Functions of several variables as tensor Chebyshev series on cells of a box.
 
 A cell is halved across the direction in which its series converges worst. This ends when
-its error is small enough, when the cell is as narrow as allowed, or when there are enough
-cells. A cell whose error is still too large, or where the functions do not exist, is not
-part of the domain.
+its error is small enough, when the cell is as narrow as allowed in this direction, or when
+there are enough cells. A cell whose error is still too large, or where the functions do not
+exist, is not part of the domain.
 """
 
 from collections.abc import Callable, Sequence
@@ -74,7 +74,7 @@ class TensorChebyshev:
         """Return the interpolant of F functions on a box.
 
         A cell whose error is too large is halved. A cell is left out of the domain if it is
-        too narrow to be halved, if there are too many cells, or if no sample is finite.
+        too narrow to be halved, if there are too many cells, or if all samples are NaN.
 
         Parameters
         ----------
@@ -98,7 +98,7 @@ class TensorChebyshev:
         cell_series: list[Floats] = []
         # The whole box has no parent. Its link is written to a list that is not used.
         unused_link = [0.0]
-        pending = [_PendingCell(np.stack([low, high]), unused_link, 0)]
+        pending = [_PendingCell(np.array([low, high], dtype=float), unused_link, 0)]
         while pending:
             bounds = np.array([cell.bounds for cell in pending])
             fits = fit_cells(function, bounds, degree, check_positions)
@@ -122,9 +122,9 @@ class TensorChebyshev:
                 # times a power of 2, so any factor between 1 and 2 separates cells that can
                 # be halved.
                 is_wide = width_fractions[axis] > 1.5 * MIN_CELL_FRACTION
-                # The largest value is NaN, and not positive, if no sample is finite.
+                # The largest value is NaN if all samples are NaN.
                 exists = fits.largest_values[number] >= 0.0
-                if room > 0 and is_wide and exists:
+                if room >= 0 and is_wide and exists:
                     cell.set_link(len(splits))
                     middle = float(np.mean(cell.bounds[:, axis]))
                     split = [axis, middle, 0.0, 0.0]
@@ -156,7 +156,8 @@ class TensorChebyshev:
         """Return the index of the cell that contains a position (m,), -1 if none does.
 
         The box was halved again and again into cells, which gives a binary tree. The search
-        goes down this tree. The position must be in the box.
+        goes down this tree. The position must be in the box. A position at a cut counts as
+        part of the upper half.
 
         Each row of `splits` is one halving. It has the axis along which a box is halved,
         the coordinate of the cut, and the links to its lower and upper half. A positive
@@ -314,8 +315,8 @@ def _spread_positions(count: int, variables: int) -> Floats:
     """Return evenly spread positions in the cube from -1 to 1, and its corners.
 
     The error of an approximation is measured at these positions. The positions are a
-    sequence without randomness: multiples of (1/g, 1/g^2, ...) modulo 1, scaled to the
-    cube. Here g is the real root of g^(m + 1) = g + 1.
+    sequence without randomness: 0.5 plus multiples of (1/g, 1/g^2, ...), modulo 1, scaled
+    to the cube. Here g is the real root of g^(m + 1) = g + 1.
 
     Parameters
     ----------
@@ -333,7 +334,6 @@ def _spread_positions(count: int, variables: int) -> Floats:
     for _ in range(40):
         root = (1.0 + root) ** (1.0 / (variables + 1))
     steps = root ** -np.arange(1.0, variables + 1)
-    # The start at 0.5 avoids positions on the faces of the cube.
     fractions = (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
     corners = grid_points([np.array([-1.0, 1.0])] * variables)
     return np.concatenate([2.0 * fractions - 1.0, corners])

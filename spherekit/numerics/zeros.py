@@ -106,8 +106,7 @@ class _EndZero:
     is_double
         Whether the function only touches zero at the end, with a slope of about zero.
     spurious_distance
-        Zeros within this distance from a double zero are due to rounding. The distance is 0
-        for a simple zero.
+        Zeros within this distance from the end are due to rounding, or are the same zero.
     """
 
     position: float
@@ -271,9 +270,8 @@ def _add_end_zeros(
     end_zeros = [zero for zero in possible_zeros if zero is not None]
     is_spurious = np.zeros(len(places), dtype=bool)
     for zero in end_zeros:
-        if zero.is_double:
-            distance = np.abs(places - zero.position)
-            is_spurious |= distance <= zero.spurious_distance
+        distance = np.abs(places - zero.position)
+        is_spurious |= distance <= zero.spurious_distance
     is_double_end_zero = np.array([zero.is_double for zero in end_zeros], dtype=bool)
     # A zero found both inside and at an end is reported once.
     return Zeros.merge(
@@ -289,9 +287,9 @@ def _find_end_zero(
     """Return the zero of a function at an end of its range, None if there is none.
 
     Near the end the function is approximated by a parabola, which shows whether the
-    function crosses zero or only touches it (double zero). Near a double zero, rounding can
-    produce false ("spurious") zeros. The result has the distance up to which such zeros
-    occur.
+    function crosses zero or only touches it (double zero). Near a zero at the end,
+    rounding can produce false ("spurious") zeros. The result has the distance up to which
+    such zeros occur.
 
     Parameters
     ----------
@@ -308,7 +306,11 @@ def _find_end_zero(
     # The two tests below need only the absolute values of slope and curvature.
     parabola = EndParabola(np.abs(slope), np.abs(curvature))
     if not parabola.has_double_zero(floor):
-        return _EndZero(position, is_double=False, spurious_distance=0.0)
+        # The parabola reaches `floor` at a smaller distance, because a simple zero requires
+        # slope^2 > 2 floor curvature.
+        return _EndZero(
+            position, is_double=False, spurious_distance=2.0 * floor / abs(slope)
+        )
     spurious_distance = parabola.max_distance_of_spurious_zeros(floor)
     return _EndZero(position, is_double=True, spurious_distance=spurious_distance)
 
@@ -339,7 +341,8 @@ class EndParabola:
         The parabola counts as touching zero if this difference is at most `floor`. Values
         up to `floor` count as zero.
         """
-        return bool(self.slope * self.slope <= 2.0 * floor * self.curvature)
+        # Square roots are compared, because the square of the slope may overflow.
+        return bool(self.slope <= np.sqrt(2.0 * floor) * np.sqrt(self.curvature))
 
     def max_distance_of_spurious_zeros(self, floor: float) -> float:
         """Return the distance from the end within which values can count as zero.
@@ -348,7 +351,7 @@ class EndParabola:
         parabola is c t^2 / 2 - s t, with the curvature c and the slope s. The parabola
         falls from zero first, and rises to `floor` at t = (s + sqrt(s^2 + 2 floor c)) / c.
         """
-        root = np.sqrt(self.slope * self.slope + 2.0 * floor * self.curvature)
+        root = np.hypot(self.slope, np.sqrt(2.0 * floor) * np.sqrt(self.curvature))
         # The smallest positive number avoids a division by 0 for a straight line.
         return float((self.slope + root) / max(self.curvature, np.finfo(float).tiny))
 
