@@ -18,7 +18,13 @@ from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at, plan_assembly
 from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.position_solver import PositionSolver
-from spherekit.proof.balls import centre_floats, exact_centres, upper_magnitude
+from spherekit.proof.balls import (
+    centre_floats,
+    exact_centres,
+    flint_library,
+    lower_magnitude,
+    upper_magnitude,
+)
 from spherekit.proof.certificate import modes_certificate
 from spherekit.proof.certified_modes import certify_modes
 from spherekit.proof.construction import find_construction
@@ -324,3 +330,12 @@ def test_the_command_prints_modes_and_writes_a_certificate(tmp_path, capsys):
     assert main(["certify", "three_rrr", "--at", "10,20,30", "--verbose"]) == 0
     assert "certified: 2 real of 8 complex modes" in capsys.readouterr().out
     check(json.loads(path.read_text(encoding="utf-8")))
+
+
+def test_the_bounds_of_a_ball_of_which_nothing_is_known_are_zero_and_infinity():
+    """`max` passes over NaN, so a NaN as a bound would be lost in the largest bound."""
+    arb = flint_library().arb
+    unknown = arb(1) / arb(0, 1)  # The divisor contains 0, so the centre is NaN.
+    assert np.isnan(float(unknown))
+    assert max(map(upper_magnitude, [arb(1), unknown])) == np.inf
+    assert lower_magnitude(unknown) == 0.0

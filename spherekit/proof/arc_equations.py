@@ -4,10 +4,11 @@ The equation of such a link is f = U . W - cos(arc) = 0. U and W are the axes of
 pairs, each in the link to which the pair joins it, and both in common axes. f is a
 polynomial in the cosines and sines of the variables of `Construction`.
 
-All derivatives of f are bounded by one constant for each equation, for all real
-configurations at once. The reason: a link across one pair contributes a rotation about a
-fixed axis, which has norm 1, as have all its derivatives with respect to the angle. A link
-on two axes contributes a matrix of known norm.
+All derivatives of f are bounded by one constant for each equation, times degrees of f, for
+all real configurations at once. A derivative has one such factor for each variable with
+respect to which f is differentiated. The reason: a link across one pair contributes a
+rotation about a fixed axis, which has norm 1, as have all its derivatives with respect to
+the angle. A link on two axes contributes a matrix of known norm.
 
 A jet is an array of balls together with its derivatives with respect to the variables.
 """
@@ -98,8 +99,8 @@ def jet_product(
 class ClosingLinkPlacement:
     """The constants by which a link is oriented when two of its axes are known in space.
 
-    The link has two pairs (joints). Each joins it to another link, a parent, which is
-    placed already. U and W are the directions of the two pairs, as the parents are placed.
+    Two of its pairs (joints) join it to two other links, its parents, which are placed
+    already. U and W are the directions of the two pairs, as the parents are placed.
     The arc between U and W is a size of the link, so U and W must satisfy an equation.
 
     Attributes

@@ -243,10 +243,10 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
     with series_length_limit(term_count):
         for low, high in pairwise(knots):
             while centre_floats(high - low) > 0.0:
-                if len(panel_series) > MAX_ARC_LENGTH_PANELS:
+                if len(panel_series) >= MAX_ARC_LENGTH_PANELS:
                     raise EngineError(
                         "the arc length of a profile does not converge; space its points "
-                        "more evenly"
+                        "more evenly, or give a Fourier profile fewer coefficients"
                     )
                 # The parameter low + x as a series in x, and the arc length as its
                 # integral.
@@ -461,8 +461,9 @@ class _SphericalSpline:
 
     def _find_intervals(self, parameter_floats: Floats) -> Indices:
         """Return, for each parameter (n,), the index of its interval between knots."""
-        # The knots begin with degree + 1 copies of the start of the curve, and end with as
-        # many copies of its end. Only the knots between them separate intervals.
+        # The first degree + 1 knots are not after the start of the curve, and the last
+        # degree + 1 knots are not before its end. Only the knots between them separate
+        # intervals.
         inner_knots = self._knots[self._degree + 1 : len(self._control_points)]
         return np.searchsorted(inner_knots, parameter_floats, side="right")
 

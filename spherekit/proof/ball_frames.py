@@ -248,7 +248,7 @@ def _reference_frame(
 
 
 def _frame_across(axis: Vector, float_axis: Floats) -> Frame:
-    """Return the frame of a pair axis if no other axis of the link gives its direction.
+    """Return the frame of a pair axis, with a zero direction that needs no other axis.
 
     The rows of a frame are the zero direction of the pair angle, the side and the axis. The
     zero direction is normal to the coordinate axis that is farthest from the pair axis. The

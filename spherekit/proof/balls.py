@@ -21,7 +21,7 @@ Ball = Any
 """A real ball, `flint.arb`, or a complex one, `flint.acb`."""
 
 UNIT_ROUNDOFF = 2.0**-53
-"""Relative error of one rounding to float64."""
+"""Largest relative error of one rounding to float64."""
 
 DEFAULT_DIGITS = 50
 """Decimal digits of `Digits` unless another number of digits is asked for.
@@ -226,7 +226,7 @@ def solve_balls(square: Array, right: Array) -> Array:
     Raises
     ------
     ZeroDivisionError
-        If a matrix within the balls can be singular.
+        If it is not proven that every matrix within the balls is regular.
     """
     flint = flint_library()
     has_complex = any(isinstance(entry, flint.acb) for entry in (*square.flat, *right.flat))
@@ -264,13 +264,25 @@ def complex_ball(*parts: complex | Ball) -> Ball:
 
 
 def upper_magnitude(ball: Ball) -> float:
-    """Return a float64 number that is at least the magnitude of every number in a ball."""
-    return 0.0 if ball == 0 else float(np.nextafter(float(ball.abs_upper()), np.inf))
+    """Return a float64 number that is at least the magnitude of every number in a ball.
+
+    The centre of a ball is NaN if nothing is known, for example after a division by a ball
+    that contains 0. Such a ball can contain any number, and the result is infinite.
+    """
+    if ball == 0:
+        return 0.0
+    magnitude = float(np.nextafter(float(ball.abs_upper()), np.inf))
+    return np.inf if np.isnan(magnitude) else magnitude
 
 
 def lower_magnitude(ball: Ball) -> float:
-    """Return a float64 number that is at most the magnitude of every number in a ball."""
-    return max(float(np.nextafter(float(ball.abs_lower()), -np.inf)), 0.0)
+    """Return a float64 number that is at most the magnitude of every number in a ball.
+
+    If the centre of the ball is NaN, nothing is known and the result is 0.
+    """
+    # The comparison is false for NaN.
+    magnitude = float(np.nextafter(float(ball.abs_lower()), -np.inf))
+    return magnitude if magnitude > 0.0 else 0.0
 
 
 def cosines_and_sines(angles: Any) -> Floats:
@@ -278,7 +290,8 @@ def cosines_and_sines(angles: Any) -> Floats:
 
     Proofs need a guaranteed bound of the rounding, which NumPy's functions lack. So the
     values are computed with more digits in ball arithmetic (numbers with a bound of their
-    error), and then rounded.
+    error), and then rounded. The caller sets these digits (`working_precision`); 53 bits
+    are too few.
 
     Parameters
     ----------
