@@ -9,6 +9,7 @@ import pytest
 
 from spherekit.designs.path_kernel import complex_function
 from spherekit.mechanism.load_expression import load_names, parse
+from spherekit.symbolic.compiler import compile_function
 from spherekit.symbolic.expression_derivatives import differentiate
 from spherekit.symbolic.expression_evaluation import (
     BLOCK_SAMPLES,
@@ -21,6 +22,7 @@ from spherekit.symbolic.expression_graph import (
     has_variables,
     iterate_nodes,
     power,
+    sign_of,
     substitute,
     symbols,
 )
@@ -36,6 +38,12 @@ def test_equal_expressions_are_the_same_object():
     assert X - Y is not Y - X
     assert function("sin", X * 2.0) is function("sin", 2.0 * X)
     assert symbols(["x"])[0] is X
+
+
+def test_equal_numbers_of_other_types_give_the_same_node():
+    assert X * 2 is X * 2.0
+    assert X + np.float64(2.5) is X + 2.5
+    assert function("atan2", X, 0.0) is not function("atan2", X, -0.0)
 
 
 def test_sums_and_products_with_zero_and_one_are_simplified():
@@ -136,6 +144,41 @@ def test_values_of_random_expressions_on_arrays_are_those_of_python_floats():
         assert np.max(error / (1.0 + np.abs(expected))) < 1e-14
 
 
+@pytest.mark.parametrize("dtype", [np.int64, np.float32, bool])
+def test_arguments_with_fewer_digits_are_evaluated_in_float64(dtype):
+    """In its own type the square overflows or is rounded, and booleans have no sum."""
+    numbers = np.array([[4_000_000_001, 1, 7]]).astype(dtype)
+    values = array_function([X * X * X, X - Y], [X, Y])(np.vstack([numbers, numbers]))
+    exact_numbers = numbers[0].astype(float)
+    assert np.array_equal(values[0], exact_numbers * exact_numbers * exact_numbers)
+    assert np.array_equal(values[1], np.zeros(3))
+
+
+def test_zeros_of_both_signs_are_different_constants():
+    """The angle of a point on the negative x axis is pi, also if its x is -0.0."""
+    outputs = [function("atan2", X, 0.0), function("atan2", X, -0.0), -0.0, 0.0]
+    expected = [0.0, math.pi, -0.0, 0.0]
+    array_values = array_function(outputs, [X])(np.zeros((1, 1)))[:, 0]
+    for values in (array_values, float_function(outputs, [X])([0.0])):
+        assert np.array_equal(values, expected)
+        assert np.array_equal(np.signbit(values), np.signbit(expected))
+
+
+def test_a_constant_may_be_nan():
+    assert np.isnan(array_function([X * np.float64("nan")], [X])(np.ones((1, 1))))
+
+
+def test_compiled_signs_and_maxima_of_nan_are_nan_like_those_of_numpy():
+    pytest.importorskip("heyoka")
+    outputs = [function("maximum", X, Y), function("maximum", Y, X), function("sign", X)]
+    points = np.array([[np.nan, 1.0, 2.0, -3.0, 0.0], [1.0, np.nan, -1.0, 4.0, 0.0]])
+    expected = array_function(outputs, [X, Y])(points)
+    assert np.isnan(expected[:, 0]).all()
+    assert np.array_equal(
+        compile_function(outputs, [X, Y])(points), expected, equal_nan=True
+    )
+
+
 def complex_expressions_and_points():
     """Return three expressions of X, Y (complex) and Z (real), and 50 values of each."""
     expressions = [
@@ -219,6 +262,40 @@ def test_sines_of_angles_after_many_turns_keep_their_digits(text, turns, expecte
     whole_angle = 0.7 + 2.0 * np.pi * turns
     value = evaluate(np.array([[whole_angle], [0.7], [0.3]]))[0, 0]
     assert abs(value - expected) < 1e-14
+
+
+@pytest.mark.parametrize("sign", [None, sign_of])
+@pytest.mark.parametrize(
+    ("text", "expected", "slope"),
+    [("min(1e17*t, 3)", 3.0, 0.0), ("max(t*-1e17, t*2)", 1.0, 2.0)],
+)
+def test_the_larger_argument_adds_no_rounding_error_to_an_extremum(
+    text, expected, slope, sign
+):
+    """The extremum is that of the two arguments to all digits, and so is its derivative."""
+    (t,) = symbols(["t"])
+    expression = convert_to_graph(parse(text, ["t"]), {"t": (t, t)}, sign)
+    (rate,) = differentiate([expression], {t: 1.0})
+    assert float_function([expression, rate], [t])([0.5]) == [expected, slope]
+
+
+@pytest.mark.parametrize(
+    "text", ["abs(0*t - 2)", "sign(t - t)", "max(1, 2, t)", "max(t, t)", "min(3, 4, t)"]
+)
+def test_signs_that_never_change_need_no_switch(text):
+    """Only expressions with a variable have a sign that an integrator has to follow."""
+    (t,) = symbols(["t"])
+    conditions = []
+
+    def sign(condition):
+        conditions.append(condition)
+        return sign_of(condition)
+
+    law = parse(text, ["t"])
+    expression = convert_to_graph(law, {"t": (t, t)}, sign)
+    assert all(has_variables(condition) for condition in conditions)
+    value = array_function([expression], [t])(np.array([[0.5]]))[0, 0]
+    assert value == law.evaluate({"t": 0.5})
 
 
 @pytest.mark.parametrize("name", ["asin", "acos", "atan", "tanh", "exp"])

@@ -194,6 +194,14 @@ def test_friction_stops_a_link_and_holds_it(speed, engine):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("text", ["min(1e17*(theta_12 + 9), 2)", "max(1, 2, 0*theta_12)"])
+def test_an_extremum_that_is_always_the_same_argument_acts_like_it(text, engine):
+    """The torque is 2 N m throughout, so the acceleration is 2 / INERTIA."""
+    found = simulate(one_link(torque(text)), Start(0.0, 1.0), 0.5, engine=engine)
+    assert found.at([0.5]).dq[0] == pytest.approx(1.0 + 1.0 / INERTIA, abs=1e-8)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
 def test_a_stop_that_is_touched_ends_the_motion(engine):
     """q = t - t^2 / 2 rises to 1/2, 1e-9 above the stop."""
     made = one_link(

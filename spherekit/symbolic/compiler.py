@@ -43,7 +43,7 @@ def heyoka() -> ModuleType:
     Raises
     ------
     EngineError
-        If it is not installed.
+        If it is not installed, or if its import fails.
     """
     try:
         import heyoka as heyoka_module
@@ -91,10 +91,14 @@ def heyoka_expressions(
             (value,) = arguments
             plus_one = module.expression(1.0)
             zero = module.expression(0.0)
-            minus_one_or_zero = module.select(module.lt(value, zero), -plus_one, zero)
-            return module.select(module.gt(value, zero), plus_one, minus_one_or_zero)
+            # The sign of 0 is 0, and that of NaN is NaN, as in NumPy.
+            minus_one_or_value = module.select(module.lt(value, zero), -plus_one, value)
+            return module.select(module.gt(value, zero), plus_one, minus_one_or_value)
         if node.operation == "maximum":
-            return module.select(module.gt(*arguments), *arguments)
+            a, b = arguments
+            # Both comparisons are false if a or b is NaN. The sum is NaN then.
+            b_or_nan = module.select(module.gte(b, a), b, a + b)
+            return module.select(module.gt(a, b), a, b_or_nan)
         # Operators such as + can be applied to heyoka expressions. All other functions have
         # the same name in heyoka.
         if node.operation in _PYTHON_OPERATORS:

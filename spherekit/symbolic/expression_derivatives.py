@@ -20,8 +20,9 @@ def differentiate(
 ) -> list[Expr]:
     """Return the derivatives of expressions by the chain rule.
 
-    All derivatives are with respect to one parameter, such as the time. At a kink or a jump
-    the result is the derivative on the side of the current value.
+    All derivatives are with respect to one parameter, such as the time. If both arguments
+    of a maximum are equal, its derivative is the mean of their derivatives. The derivative
+    of a sign is 0 everywhere, even at the jump.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ _CHAIN_RULES: Mapping[str, _ChainRule] = {
     "norm": lambda node, x, dx: vector_product("dot", x[0], dx[0]) / node,
     "sign": lambda node, x, dx: 0.0,
     "maximum": lambda node, x, dx: (
-        0.5 * (dx[0] + dx[1] + sign_of(x[0] - x[1]) * (dx[0] - dx[1]))
+        0.5 * ((1.0 + sign_of(x[0] - x[1])) * dx[0] + (1.0 - sign_of(x[0] - x[1])) * dx[1])
     ),
 }
 """The chain rule of each operation and function."""

@@ -126,9 +126,10 @@ class ExpressionNode:
 
     Nodes are created by `symbols`, `function` and the operators ``+ - * /``. Two equal
     nodes are always one object, so an expression that occurs several times is stored once.
-    The operators simplify products with 0 and 1, sums with 0, and x - x, and move minus
-    signs outwards. Finite values stay the same. Infinity times 0, and infinity minus
-    itself, give 0.
+    The operators simplify products with 0 and 1, sums with 0, and x - x. They move minus
+    signs out of products, and write a + (-b) as a - b. Finite values stay the same. A
+    product of 0 with infinity or NaN, a difference x - x, and a quotient with the numerator
+    0 are 0 for all values.
 
     Attributes
     ----------
@@ -192,8 +193,9 @@ def function(operation: str, *arguments: Any) -> ExpressionNode:
         Numbers and nodes to which the operation is applied.
     """
     # Numbers are text in the key, because 0.0 and -0.0 are equal keys but different
-    # numbers.
-    key = (operation, *(x if isinstance(x, ExpressionNode) else repr(x) for x in arguments))
+    # numbers. The text is that of a float, because 2, 2.0 and np.float64(2.0) are the same
+    # number.
+    key = (operation, *map(_argument_key, arguments))
     node = _nodes_by_key.get(key)
     if node is None:
         node = ExpressionNode()
@@ -202,6 +204,13 @@ def function(operation: str, *arguments: Any) -> ExpressionNode:
         node.creation_index = next(_creation_counter)
         _nodes_by_key[key] = node
     return node
+
+
+def _argument_key(argument: Any) -> Any:
+    """Return a node itself, the text of a number, or the name of a variable in quotes."""
+    if isinstance(argument, ExpressionNode):
+        return argument
+    return repr(argument if isinstance(argument, str) else float(argument))
 
 
 def symbols(names: Iterable[str]) -> list[ExpressionNode]:

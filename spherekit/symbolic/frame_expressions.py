@@ -158,12 +158,13 @@ def _rotate_by_size_changes(
 ) -> Exprs:
     """Return the frame of a pair in a link after changes of the link's sizes.
 
-    The first axis is the axis of the link's first R pair (revolute joint). Every other axis
-    of the link has two sizes (rad): its arc from the first axis, and the angle of this arc
-    about the first axis. A change of the arc rotates the frame about the normal of the
-    plane of the arc. A change of the angle rotates the frame about the first axis, and the
-    normal with it. Only the normal at the original angle is known, so the rotation by the
-    change of the arc comes first.
+    The first axis is the axis of the link's first R pair (revolute joint). Other axes of
+    the link have two sizes (rad): the arc from the first axis, and the angle of this arc
+    about the first axis. The axis at which angles are zero has an arc only, and an axis on
+    the line of the first one has no sizes. A change of the arc rotates the frame about the
+    normal of the plane of the arc. A change of the angle rotates the frame about the first
+    axis, and the normal with it. Only the normal at the original angle is known, so the
+    rotation by the change of the arc comes first.
 
     Parameters
     ----------

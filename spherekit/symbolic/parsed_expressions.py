@@ -7,7 +7,13 @@ from functools import partial, reduce
 
 from spherekit.errors import EngineError
 from spherekit.mechanism.load_expression import Expression, fold
-from spherekit.symbolic.expression_graph import Expr, function, power, sign_of
+from spherekit.symbolic.expression_graph import (
+    Expr,
+    function,
+    has_variables,
+    power,
+    sign_of,
+)
 
 PERIODIC_FUNCTIONS = ("sin", "cos", "tan")
 """Functions whose value does not change if the argument grows by 2 pi."""
@@ -57,25 +63,30 @@ def convert_to_graph(
     sign
         Function that returns the sign of an expression, by default `sign_of`. An integrator
         gives a function whose sign changes only at switches (events of the integration).
+        It is not called for expressions without variables, whose sign never changes.
 
     Raises
     ------
     EngineError
-        If a denominator is zero for all values of the names.
+        If a denominator is the number 0 after simplification, such as x - x.
     """
+
+    def sign_function(a: Expr) -> Expr:
+        """Return the sign of an expression, by `sign` if the sign may change."""
+        return sign(a) if sign and has_variables(a) else sign_of(a)
 
     def form_maximum(a: Expr, b: Expr) -> Expr:
         """Return the maximum of two expressions.
 
-        max(a, b) = (a + b + |a - b|) / 2. With a function `sign`, |a - b| is sign(a - b) (a
-        - b), so that an integrator can control when the sign changes.
+        With a function `sign`, max(a, b) is ((1 + s) a + (1 - s) b) / 2 with s = sign(a -
+        b), so that an integrator can control when the sign changes. The smaller argument
+        gets the factor 0 and so adds no rounding error, however large it is.
         """
         if sign is None:
             return function("maximum", a, b)
-        difference = a - b
-        return 0.5 * (a + b + sign(difference) * difference)
+        s = sign_function(a - b)
+        return 0.5 * ((1.0 + s) * a + (1.0 - s) * b)
 
-    sign_function = sign or sign_of
     operations: Mapping[str, Callable[..., Expr]] = {
         "+": operator.add,
         "-": operator.sub,

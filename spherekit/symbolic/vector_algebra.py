@@ -51,10 +51,10 @@ def cross(a: Exprs, b: Exprs) -> Exprs:
 
 
 def constants(matrix: Floats | Exprs) -> Exprs:
-    """Return a matrix in which numbers close to 0, 1 or -1 are replaced by 0, 1 or -1.
+    """Return a matrix in which numbers close to an integer are replaced by the integer.
 
-    This simplifies expressions, because products with exactly 0 and 1 are dropped.
-    Expressions are not changed.
+    For direction cosines the integers are 0, 1 and -1. This simplifies expressions, because
+    products with exactly 0 and 1 are dropped. Expressions are not changed.
     """
     entries: Exprs = np.array(matrix, dtype=object)
     for index, item in np.ndenumerate(entries):
