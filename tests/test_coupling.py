@@ -13,7 +13,8 @@ from mechanism_examples.wide_five_bar import wide_five_bar
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.errors import FileError
+from spherekit.errors import FileError, SolveError
+from spherekit.exchange import coupling_table_maker
 
 # A coupling table stores, on a grid of the inputs, the angles of all passive pairs, their
 # coefficients (rates per unit rate of an input), and the angular velocities of poles per
@@ -239,6 +240,51 @@ def test_the_c_header_of_a_coupling_table_gives_the_numbers_of_python(
     assert codes == ({0} if name == "four_bar" else {0, 2, 3})
     assert evaluate_in_c(q[0], 9)[0] == 1
     assert evaluate_in_c(np.full(m, np.nan), 0)[0] in (2, 3)
+
+
+@pytest.mark.parametrize("q", [[1.0], [1.0, 1.2, 1.5, 1.3], np.ones((2, 3)), 1.0])
+def test_inputs_of_another_shape_are_refused_by_a_coupling_table(q, five_bar_table):
+    """Two inputs need two columns; other shapes were divided into wrong points."""
+    with pytest.raises(SolveError, match=r"expected \(number of points, 2\).*21, 51"):
+        five_bar_table.at(q)
+
+
+def test_a_coupling_table_of_one_input_takes_numbers_and_rows(four_bar_table):
+    angles = four_bar_table.at([[0.3], [0.7]]).angles
+    assert np.array_equal(four_bar_table.at([0.3, 0.7]).angles, angles)
+    assert np.array_equal(four_bar_table.at(0.7).angles, angles[1:])
+    assert four_bar_table.at([]).angles.shape == (0, 3)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf, 1e300])
+def test_a_coupling_table_has_no_values_at_inputs_that_are_not_finite(
+    number, four_bar_table, five_bar_table
+):
+    """The values are NaN, also for numbers far outside, without a warning of NumPy."""
+    values = five_bar_table.at([[number, 1.2], [1.5, 1.2]])
+    assert np.all(np.isnan(values.angles[0]))
+    assert np.all(np.isfinite(values.angles[1]))
+    if not np.isfinite(number):
+        assert np.all(np.isnan(four_bar_table.at(number).coefficients))
+
+
+@pytest.mark.parametrize("tolerance", [0, 1])
+def test_the_ends_of_the_range_of_a_tolerance_are_excluded(tolerance):
+    with pytest.raises(SolveError, match="greater than 0 and less than 1"):
+        sk.coupling_table("four_bar", tolerance=tolerance)
+
+
+def test_a_coupling_grid_without_a_whole_cell_is_refined(monkeypatch):
+    """A mode can be missing in every cell of the first grid, and exist in smaller cells.
+
+    The rocker of the four-bar drives, so that the mechanism closes in parts of the
+    revolution only. A first grid of two nodes has a single cell, the whole revolution.
+    """
+    monkeypatch.setattr(coupling_table_maker, "FIRST_NODE_COUNTS", (2, 2, 2))
+    options = {"input_pair": "41", "assembly_mode": 0, "tolerance": 1e-3}
+    table = sk.coupling_table("four_bar", **options)
+    assert np.any(table.sure)
 
 
 def test_faults_say_what_is_allowed(tmp_path):

@@ -400,3 +400,14 @@ def test_the_wiper_fits_a_microcontroller(tmp_path):
 def test_what_has_no_source_is_refused(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     check_call(call, globals(), TABLES["sources"][call])
+
+
+@pytest.mark.parametrize("name", ["four_bar", "shaped_cam"])
+def test_formulas_of_no_configurations_return_no_values(name):
+    """Arrays of one column are combined with a motion of zero columns, without an error."""
+    formula_set = formulas(name)
+    motion = np.zeros((len(formula_set.motion), 0))
+    mode_values = np.array(formula_set.modes[0].values)[:, None]
+    evaluate = formula_set.numpy_function(formula_set.outputs)
+    values = evaluate(motion, mode_values, formula_set.size_values)
+    assert values.shape == (len(formula_set.outputs), 0)

@@ -449,6 +449,12 @@ def test_an_open_loop_is_closed_by_moving_passive_joints_only(tmp_path):
     assert abs(geometry.values["pivot"]) > 0.01
 
 
+def test_a_long_name_of_a_model_is_shortened_to_a_name_of_a_mechanism(tmp_path):
+    text = WRIST.replace('model="wrist"', f'model="{"long name " * 10}"')
+    mechanism = sk.import_mechanism(write_model(tmp_path, text)).mechanism
+    assert mechanism.name == ("long_name_" * 10)[:64]
+
+
 def test_a_model_whose_joints_are_all_locked_is_refused(tmp_path):
     """A model in which equalities lock every joint has no motion and is refused."""
     path = write_model(

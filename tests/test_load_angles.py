@@ -110,6 +110,34 @@ def test_exported_torque_of_a_spring_has_turns_as_argument_if_they_may_matter(ca
     assert f"turns_of_{spring_pair}" in argument_names
 
 
+@pytest.mark.parametrize(
+    ("arcs", "zeros", "input_pair", "spring_pair"),
+    [
+        ((99.53, 116.19, 30.81, 65.63), (142.1, -27.8, 32.2, -171.2), "21", "32"),
+        ((79.5, 24.0, 41.8, 80.2), (-41.0, -19.0, 109.7, 116.7), "41", "21"),
+    ],
+)
+def test_the_swing_of_a_spring_includes_the_angles_at_dead_centres(
+    arcs, zeros, input_pair, spring_pair
+):
+    """A pair that swings over more than a turn keeps its argument for turns.
+
+    The input is at a dead centre at both ends of its range. There the angle of the pair
+    changes so fast that it swings over less than a turn between the outermost samples. Arcs
+    and zeros are in degrees.
+    """
+    mechanism = with_spring("four_bar", spring_pair)
+    mechanism = replace(mechanism, modes={}, outputs=()).with_inputs(input_pair)
+    mechanism = mechanism.with_sizes(
+        angle_unit="deg",
+        arcs=dict(zip("1234", arcs, strict=True)),
+        zeros=dict(zip(("21", "32", "43", "41"), zeros, strict=True)),
+    )
+    exported_formulas = formulas(mechanism, ["torque"])
+    argument_names = [argument.name for argument in exported_formulas.motion]
+    assert f"turns_of_{spring_pair}" in argument_names
+
+
 def test_varying_the_stiffness_of_a_spring_adds_no_count_of_turns():
     mechanism = with_spring("four_bar", "41")
     exported_formulas = formulas(mechanism, ["torque"], vary=["loads.wound.stiffness"])

@@ -122,13 +122,15 @@ class CouplingTable:
         (modes, nodes, P, m, m, 3) derivatives of `turning` with respect to each input, the
         last axis but one.
     error
-        (modes, cells) largest error (rad) of an angle that was measured in a cell, NaN
-        without a mode at all corners.
+        (modes, cells) largest error (rad) of an angle that was measured in a cell, with an
+        allowance for errors between the measured points. It is NaN if the mode is missing
+        at a corner or at a measured point.
     sure
-        (modes, cells) whether the error is within the tolerance, so that no cell contains a
-        jump or a change of mode.
+        (modes, cells) whether the error is within the tolerance. Cells in which a larger
+        jump or the end of a mode was found are not sure.
     coefficient_error
-        Largest measured error of a coefficient in cells that are sure.
+        Largest error of a coefficient or of a component of `turning` in cells that are
+        sure, with the same allowance.
     """
 
     mechanism: str
@@ -171,6 +173,7 @@ class CouplingTable:
         node_indices = np.indices(tuple(self.count)).reshape(len(self.count), -1)
         return self.start + self.step * node_indices.T
 
+    @checked(SolveError)
     def at(self, q: ArrayLike, assembly_mode: int | None = None) -> CouplingValues:
         """Return the values of the table at inputs.
 
@@ -180,7 +183,7 @@ class CouplingTable:
         Parameters
         ----------
         q
-            (m,) or (n, m) inputs (rad).
+            (m,) or (n, m) inputs (rad). A table of one input also takes a number.
         assembly_mode
             Number of the mode, by default the first in the table.
 
@@ -191,7 +194,7 @@ class CouplingTable:
         Raises
         ------
         SolveError
-            If the mode is not in the table.
+            If the mode is not in the table, or if q has another shape.
 
         Notes
         -----
@@ -210,28 +213,49 @@ class CouplingTable:
                 f"which has {listing(self.modes)}"
             )
         mode_index = self.modes.index(assembly_mode)
-        inputs = np.asarray(q, dtype=float).reshape(-1, len(self.inputs))
+        inputs = self._input_rows(q)
         # Positions (n, m) on the grid in steps. Whole revolutions of a periodic input are
         # removed.
         last_node = self.count - 1
         positions = (inputs - self.start) / self.step
         revolutions = np.where(self.periodic, np.floor(positions / last_node), 0.0)
         positions -= revolutions * last_node
-        with np.errstate(invalid="ignore"):
-            is_known = np.all(
-                (positions >= -GRID_SLACK_STEPS)
-                & (positions <= last_node + GRID_SLACK_STEPS),
-                axis=1,
-            )
-        finite_positions = np.nan_to_num(positions)
-        cells = np.clip(np.floor(finite_positions).astype(np.int64), 0, last_node - 1)
+        is_known = np.all(
+            (positions >= -GRID_SLACK_STEPS) & (positions <= last_node + GRID_SLACK_STEPS),
+            axis=1,
+        )
+        # Points outside are computed at the first node, and become NaN below.
+        positions[~is_known] = 0.0
+        cells = np.clip(np.floor(positions).astype(np.int64), 0, last_node - 1)
         cell_numbers = np.ravel_multi_index(tuple(cells.T), tuple(last_node))
         is_known &= self.sure[mode_index, cell_numbers]
-        values = self.interpolate(mode_index, cells, finite_positions - cells)
+        values = self.interpolate(mode_index, cells, positions - cells)
         values.angles[:] += revolutions @ self.rise[mode_index]  # growth per revolution
         for array in values:
             array[~is_known] = np.nan
         return values
+
+    def _input_rows(self, q: ArrayLike) -> Floats:
+        """Return inputs as rows (n, m), with NaN in place of infinite inputs.
+
+        Raises
+        ------
+        SolveError
+            If the shape of `q` is neither (m,) nor (n, m). With one input, numbers and
+            arrays (n,) are allowed too.
+        """
+        inputs = np.asarray(q, dtype=float)
+        input_count = len(self.inputs)
+        if inputs.ndim < 2:
+            # The numbers are values of the only input, or one point of several inputs.
+            inputs = inputs.reshape((-1, 1) if input_count == 1 else (1, -1))
+        if inputs.ndim != 2 or inputs.shape[1] != input_count:
+            raise SolveError(
+                f"{self.mechanism}: q has the shape {np.shape(q)}, expected (number of "
+                f"points, {input_count}): one column for each input "
+                f"({listing(self.inputs)})"
+            )
+        return np.where(np.isfinite(inputs), inputs, np.nan)
 
     def interpolate(self, mode: int, cells: Integers, positions: Floats) -> CouplingValues:
         """Return the interpolated values of a mode in cells of the grid of m inputs.

@@ -399,7 +399,7 @@ class Formulas:
             """
             # Arrays with one column are repeated for all n configurations.
             arguments = (motion, mode_values, sizes)
-            count = max(argument.shape[1] for argument in arguments)
+            (count,) = np.broadcast_shapes(*(argument.shape[1:] for argument in arguments))
             argument_rows = np.concatenate(
                 [
                     np.broadcast_to(argument, (len(argument), count))

@@ -39,7 +39,7 @@ from spherekit.velocities.transmission_angle import VECTOR_NODES, transmission_a
 SPECIAL_ANGLE_ROUNDING = 1e-15
 """Largest error of a sine or cosine that is printed as 0, 1 or -1.
 
-Larger: arcs near 90 degrees are printed as 90; smaller: arcs of 90 degrees, whose cosine is
+Larger: arcs near 90 degrees are taken as 90; smaller: arcs of 90 degrees, whose cosine is
 6e-17 in float64, keep their symbols.
 """
 
@@ -249,8 +249,8 @@ class PositionFormulas:
     ) -> AngleExpression:
         """Declare the symbol of a size (an angle), and return the size as an expression.
 
-        If the angle is a multiple of 90 degrees, its sine and cosine become numbers, which
-        makes formulas shorter. The sine and cosine of a free size remain symbols, since
+        A sine or cosine that is 0, 1 or -1 up to rounding becomes a number, which makes
+        formulas shorter. The sine and cosine of a free size remain symbols, since
         users insert other values for the size.
 
         Parameters
@@ -352,7 +352,7 @@ class PositionFormulas:
         return EngineError(
             f"{self._mechanism.name}: links.{self._mechanism.links[link]}: formulas are "
             "printed for links with two axes at least, at arcs between 0 and 180 deg; "
-            "change the arc, or export to another language"
+            "change its axes or arcs, or export to another language"
         )
 
     def _find_axis(self, link: int, pair: int) -> LinkAxis:
@@ -668,7 +668,7 @@ class PositionFormulas:
         ------
         EngineError
             If the arc from k to v is 0 or 180 degrees, so that the tangent is not
-            determined.
+            determined. A free arc is never refused, since users insert its value.
         """
         axis_v = side.axis_v
         # Each axis has its arc from k (`arc`).
@@ -828,7 +828,8 @@ class PositionFormulas:
         Raises
         ------
         EngineError
-            If the arc is 0 or 180 degrees, so that the tangent is not determined.
+            If the arc is 0 or 180 degrees, so that the tangent is not determined. A free
+            arc is never refused, since users insert its value.
         """
         axis = self._find_axis(link, pair)
         # j is the tangent at k of the arc from k to the second axis of the link.

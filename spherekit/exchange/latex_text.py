@@ -79,9 +79,9 @@ class LatexText(NamedTuple):
         Whether the expression is the name of a variable. Such a name needs no brackets in a
         sine or cosine, or before an exponent.
     has_exponent
-        Whether the text ends with an exponent, such as a square or the name ``c^{(1)}``.
-        LaTeX refuses two exponents on one symbol, so the text needs brackets before another
-        exponent.
+        Whether the text ends with an exponent, as a square does, or is a name with one,
+        such as ``c^{(1)}_{2}``. LaTeX refuses two exponents on one symbol, so the text
+        needs brackets before another exponent.
     is_negative
         Whether the text begins with a minus sign. A sum shows it as ``a - b`` instead of
         ``a + -b``.
@@ -132,9 +132,9 @@ def _print_number(value: float) -> LatexText:
 def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexText:
     """Return a node of an expression (a variable, operation or function) as LaTeX.
 
-    The result has two properties for its use in larger expressions. The binding tells
-    whether brackets are necessary: a sum needs them as a factor of a product, for example,
-    and a symbol never needs them. The rank is the position among the factors of a product:
+    Two properties of the result matter in all larger expressions. The binding tells whether
+    brackets are necessary: as a factor of a product, for example, a sum needs them, and a
+    symbol does not. The rank is the position among the factors of a product:
     scalars come before vectors.
 
     Parameters
@@ -150,7 +150,8 @@ def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexT
     # Fractions, roots, absolute values and the like enclose their arguments, so these need
     # no brackets.
     if operation in _TEMPLATE_BY_OPERATION:
-        # A vector divided by a number remains a vector; all other results are scalars.
+        # A fraction has the rank of its numerator, so a vector divided by a number remains
+        # a vector. All other results have the rank of scalars.
         rank = arguments[0].rank if operation == "/" else FactorRank.SCALAR
         template = _TEMPLATE_BY_OPERATION[operation]
         text = template.format(*(argument.text for argument in arguments))

@@ -2,8 +2,8 @@
 
 A load such as a spring follows the angle of its pair over any number of turns. Formulas in
 closed form give that angle in (-pi, pi] only, so in general whole turns are an argument. A
-pair that swings over less than one turn in every assembly mode needs no such argument: its
-angle is the value nearest to the middle of its swing.
+pair that swings over less than one turn in all assembly modes together needs no such
+argument: its angle is the value nearest to the middle of its swing.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,8 +11,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from spherekit.conventions import TURN
+from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.angle_unwrapping import continue_angles
+from spherekit.positions.motion import Motion
 from spherekit.positions.motion_cache import kinematics_only
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, function
@@ -21,6 +23,13 @@ SWING_SAMPLES = 721
 """Number of inputs over one turn at which the swing of a pair is evaluated.
 
 Fewer: a swing that is widest between samples is measured too small.
+"""
+
+BISECTIONS = 30
+"""Number of bisections between two samples at the end of an assembly mode.
+
+The angles of pairs change fast near such an end, where the input is at a dead centre.
+Fewer: the swing is measured too small; more: the last bisections change nothing.
 """
 
 LEAST_GAP_RAD = 0.05
@@ -62,16 +71,53 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
     )
     position_analysis = PositionAnalysis(kinematics_only(one_turn), samples=SWING_SAMPLES)
     motion = position_analysis.motion()
-    # (n,) angles of each pair without jumps of whole turns. The last argument, the angles
-    # of earlier samples, is empty.
-    angles = continue_angles(motion, pairs, position_analysis.angle_unwrapping, {})
+    # (n,) angles of each pair without jumps of whole turns, at the samples and at the ends
+    # of modes. The last argument, the angles of earlier samples, is empty.
+    angles_by_motion = [
+        continue_angles(rows, pairs, position_analysis.angle_unwrapping, {})
+        for rows in (motion, _find_ends_of_modes(position_analysis, motion))
+    ]
     middles: dict[str, float] = {}
     for pair in pairs:
-        low = np.nanmin(angles[pair])
-        high = np.nanmax(angles[pair])
+        angles = np.concatenate([part[pair] for part in angles_by_motion])
+        low = np.nanmin(angles)
+        high = np.nanmax(angles)
         if high - low < TURN - LEAST_GAP_RAD:
             middles[pair] = float(0.5 * (low + high))
     return middles
+
+
+def _find_ends_of_modes(position_analysis: PositionAnalysis, motion: Motion) -> Motion:
+    """Return the motion at the inputs at which assembly modes begin or end.
+
+    An assembly mode ends between two samples if it has a configuration at only one of them.
+    The end is found by bisection, and approached from the side with configurations. If no
+    mode ends, the result is the motion at the first sample.
+
+    Parameters
+    ----------
+    position_analysis
+        The analysis of a mechanism with one input.
+    motion
+        Its motion at all samples, one mode after the other.
+    """
+    inputs = motion.inputs[: motion.samples, 0]
+    has_configuration = all_finite(motion.values, 1).reshape(-1, motion.samples)
+    modes, samples = np.nonzero(has_configuration[:, 1:] != has_configuration[:, :-1])
+    begins = has_configuration[modes, samples + 1]
+    if not len(modes):
+        return position_analysis.at(inputs[:1])
+    # Each end is between an input inside the mode and an input outside it.
+    inside = inputs[samples + begins]
+    outside = inputs[samples + ~begins]
+    ends = np.arange(len(modes))
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (inside + outside)
+        values = position_analysis.at(middle).values
+        is_inside = all_finite(values, 1).reshape(-1, len(middle))[modes, ends]
+        inside = np.where(is_inside, middle, inside)
+        outside = np.where(is_inside, outside, middle)
+    return position_analysis.at(inside)
 
 
 def revolutions_about(angle: Expr, middle: float) -> ExpressionNode:

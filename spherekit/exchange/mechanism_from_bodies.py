@@ -48,8 +48,8 @@ class ImportedFile:
     Raises
     ------
     FileError
-        If axes miss their common point or are parallel, nothing moves, or couplings are no
-        gears.
+        If axes miss their common point, or are parallel and do not coincide, if nothing
+        moves, or if couplings are no gears.
     """
 
     def __init__(

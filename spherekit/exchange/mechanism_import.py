@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from spherekit.argument_validation import checked
-from spherekit.conventions import AnyPath, Names
+from spherekit.conventions import MAX_NAME_LENGTH, AnyPath, Names
 from spherekit.errors import FileError
 from spherekit.escaping import toml_comment
 from spherekit.exchange.mechanism_from_bodies import ImportedFile
@@ -51,9 +51,11 @@ class Imported(NamedTuple):
 def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
     """Return the spherical mechanism that an MJCF or URDF file describes.
 
-    Hinges become pairs (joints), and so does each point at which a loop is closed. Welded
-    bodies become one link, and actuated joints become inputs. Springs, dampers, dry
-    friction, gravity and constant actuators become loads. Limits become joint limits.
+    Hinges become pairs (joints), and so does each point at which a loop is closed. A ball
+    joint becomes three pairs, or none if other pairs connect its links. Welded bodies
+    become one link. Joints with controlled actuators become inputs, and so do other joints
+    if the mechanism has more freedoms. Springs, dampers, dry friction, gravity and
+    actuators without control become loads. Limits become joint limits.
 
     Parameters
     ----------
@@ -68,7 +70,8 @@ def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
     ------
     FileError
         If MuJoCo (extra ``import``) is not installed or cannot read the file, if the axes
-        of the mechanism do not meet in a point, or if it has joints other than hinges.
+        of the mechanism do not meet in a point, or if it has joints other than hinges and
+        ball joints.
 
     Examples
     --------
@@ -82,7 +85,7 @@ def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
     if within is not None and not 0.0 <= within < math.inf:
         raise FileError(f"{model_path}: within is {within}; it has to be a distance in m")
     foreign_model = ForeignModel(model_path)
-    name = re.sub(r"[^A-Za-z0-9_]", "_", foreign_model.name) or model_path.stem
+    name = re.sub(r"[^A-Za-z0-9_]", "_", foreign_model.name)[:MAX_NAME_LENGTH]
     imported_file = ImportedFile(str(model_path), foreign_model, within)
     text = "\n".join([*_format_lines(name, imported_file), ""])
     mechanism = loads(text, f"{model_path}: imported")
