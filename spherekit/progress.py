@@ -76,17 +76,22 @@ def progress_listener(listener: ProgressListener | None) -> Iterator[None]:
 def remaining_time_text(seconds: float) -> str:
     """Return a remaining time as text, such as ``28 s left`` or ``3.5 min left``."""
     if seconds >= LARGEST_TIME_IN_SMALLER_UNIT * SECONDS_PER_HOUR:
-        return f"{seconds / SECONDS_PER_HOUR:.2g} h left"
+        return f"{_short_number(seconds / SECONDS_PER_HOUR)} h left"
     if seconds >= LARGEST_TIME_IN_SMALLER_UNIT * SECONDS_PER_MINUTE:
-        return f"{seconds / SECONDS_PER_MINUTE:.2g} min left"
+        return f"{_short_number(seconds / SECONDS_PER_MINUTE)} min left"
     return f"{seconds:.0f} s left"
+
+
+def _short_number(number: float) -> str:
+    """Return a number with two digits below 10, and otherwise as a whole number."""
+    return f"{number:.2g}" if number < 10.0 else f"{number:.0f}"
 
 
 class ProgressReporter:
     """Reports the progress of one computation every few seconds.
 
     If the computation states its progress in numbers, the reports also estimate the
-    remaining time. The estimate uses the mean speed since the first report of a number. So
+    remaining time. The estimate uses the mean speed since the first number was stated. So
     parts that were finished earlier, as in a resumed run, do not distort the speed.
 
     Parameters

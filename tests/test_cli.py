@@ -55,6 +55,49 @@ def test_plan_for_one_pole_leaves_out_the_others(capsys):
     assert "P51" not in out
 
 
+@pytest.mark.parametrize("name", ["flat_cam", "two_contacts"])
+def test_the_legend_of_a_plan_names_contact_planes(capsys, name):
+    _, out, _ = run(capsys, "plan", name)
+    assert "poles of earlier passes, or in contact planes, intersect" in out
+
+
+def test_the_legend_of_a_plan_explains_only_marks_of_its_table(capsys):
+    """The pole of the output and the carrier is an axis that coaxial pairs share."""
+    _, out, _ = run(capsys, "plan", "planetary_bevel", "--for", "output/carrier")
+    assert "common axis of coaxial pairs" in out
+    assert "x: known from the start" not in out
+
+
+@pytest.mark.parametrize(
+    ("words", "suggested"),
+    [
+        (["four_bar", "--input", "41"], "four_bar --input 41"),
+        (["five_bar", "--lock", "21=30deg"], "five_bar --lock 21=30deg"),
+        # A run drives all inputs of the file, not only the one of the plan.
+        (["five_bar", "--input", "21"], "five_bar"),
+    ],
+)
+def test_the_run_that_a_plan_suggests_is_of_the_same_mechanism(capsys, words, suggested):
+    _, out, _ = run(capsys, "plan", *words)
+    assert f"spherekit run {suggested}  " in out
+
+
+@pytest.mark.parametrize("json_option", [[], ["--json"]])
+def test_a_quiet_run_does_not_print_the_outcome_of_the_proof(capsys, tmp_path, json_option):
+    words = ("run", "four_bar", "--samples", 3, "--prove", *json_option)
+    _, out, err = run(capsys, *words)
+    assert "were compared with proven values" in (err if json_option else out)
+    _, out, err = run(capsys, *words, "-o", tmp_path / "proof", "--quiet")
+    assert "compared" not in out
+    assert err == ""
+
+
+def test_links_without_relative_motion_are_no_failure_of_a_strict_run(capsys):
+    summary = sk.run("miura_unit", samples=3).summary
+    assert summary["pole_status"]["NO_POLE"] > 0
+    assert run(capsys, "run", "miura_unit", "--samples", 3, "--strict")[0] == 0
+
+
 @pytest.mark.parametrize("command", TABLES["told by commands"])
 def test_commands_tell(command, capsys):
     status, out, _ = run(capsys, *command.split())
@@ -263,3 +306,9 @@ def test_remaining_times_have_units_that_suit_them():
     assert progress.remaining_time_text(119.0) == "119 s left"
     assert progress.remaining_time_text(210.0) == "3.5 min left"
     assert progress.remaining_time_text(9000.0) == "2.5 h left"
+
+
+def test_remaining_times_of_three_digits_are_written_in_full():
+    assert progress.remaining_time_text(6000.0) == "100 min left"
+    assert progress.remaining_time_text(7199.0) == "120 min left"
+    assert progress.remaining_time_text(450000.0) == "125 h left"

@@ -9,6 +9,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.cli.mode_text import describe_modes
 from spherekit.cli.motion_screen import output_table
+from spherekit.cli.place_text import PlaceText
 from spherekit.cli.run_report import _row_warnings
 from spherekit.files.study_reader import study_of
 from spherekit.mechanism.elements import Output
@@ -122,3 +123,29 @@ def test_equal_velocity_ratios_have_their_least_value_at_the_first_sample():
     summary = sk.run("bevel_pair", (), samples=60, block=7, assembly_mode=0).summary
     (output,) = summary["overview"]["modes"]["0"]["outputs"]
     assert output["jacobian"]["place"] == 0.0
+
+
+def place_text(kind, first, last, samples):
+    """Return the texts of places for a range of inputs in degrees, or of times in s."""
+    name, unit = {"input": ("21", "rad"), "time": ("t", "s")}[kind]
+    ends = np.radians([first, last]) if kind == "input" else [first, last]
+    place = {"kind": kind, "name": name, "unit": unit}
+    return PlaceText(
+        {"place": place, "place_range": list(ends), "examined_samples": samples}
+    )
+
+
+@pytest.mark.parametrize(("first", "last"), [(-180, -175), (-180, -150), (0, 360)])
+def test_samples_exactly_five_degrees_apart_are_far_apart_in_each_range(first, last):
+    """A step computed from radians can be less than 5 deg by rounding errors."""
+    texts = place_text("input", first, last, (last - first) // 5 + 1)
+    assert texts.are_samples_far_apart
+    assert texts.coarse_step_text == "5 deg"
+    assert texts.value(np.radians(12.3), between_samples=True) == "12"
+
+
+@pytest.mark.parametrize("between_samples", [False, True])
+def test_the_texts_of_times_distinguish_the_samples_of_a_long_motion(between_samples):
+    texts = place_text("time", 0.0, 20000.0, 20001)
+    assert texts.value(12345.0, between_samples) == "12345"
+    assert texts.value(12346.0, between_samples) == "12346"

@@ -7,7 +7,7 @@ from argparse import Namespace
 import pytest
 
 from spherekit import progress
-from spherekit.cli.main import note
+from spherekit.cli.main import main, note
 from spherekit.cli.progress_bar import progress_on_screen
 
 
@@ -121,3 +121,29 @@ def test_quiet_commands_show_no_progress(monkeypatch):
     with progress_on_screen(Namespace(quiet=True)):
         report_three_times()
     assert terminal.getvalue() == ""
+
+
+@pytest.mark.parametrize("kind", ["dumb", "unknown"])
+def test_a_terminal_that_cannot_erase_a_line_shows_progress_as_lines(monkeypatch, kind):
+    terminal = open_terminal(monkeypatch)
+    monkeypatch.setenv("TERM", kind)
+    with progress_on_screen(Namespace(quiet=False)):
+        report_three_times()
+    lines = terminal.getvalue().splitlines()
+    assert lines[0] == "spherekit: computing: 0 of 100 samples"
+    assert len(lines) == 3
+
+
+class ClosedPipe(io.StringIO):
+    """A stream whose reader has ended."""
+
+    def write(self, text):
+        raise BrokenPipeError(32, "Broken pipe")
+
+
+def test_a_run_goes_on_if_nobody_reads_its_progress(monkeypatch, capsys):
+    """A line that cannot be written is no reason to end the run without results."""
+    monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
+    monkeypatch.setattr("sys.stderr", ClosedPipe())
+    assert main(["run", "four_bar", "--samples", "5"]) == 0
+    assert "2 assembly modes" in capsys.readouterr().out

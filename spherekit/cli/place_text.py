@@ -12,7 +12,7 @@ MAX_LISTED_PLACES = 4
 COARSE_STEP_DEG = 5.0
 """Distance of samples (deg) from which a note says that places of rest may be missed.
 
-From this distance on, a place between two samples is also given as an interval.
+From this distance on, a dead centre between two samples is given as an interval.
 """
 
 
@@ -29,12 +29,12 @@ class PlaceText:
     name, unit
         Name and printed unit of places. An input has the name of its pair.
     sample_step
-        Distance of two successive samples, in rad, in s, or as a difference of their
-        numbers.
+        Mean distance of successive examined samples, in rad, in s, or as a difference of
+        their numbers.
     """
 
     def __init__(self, overview: Any) -> None:
-        """Store what a place of the motion is in a run, and the distance between samples.
+        """Store what a place of the motion is in a run, and the mean distance of samples.
 
         A place is the value of the input, the time, or the number of a sample. Messages use
         it to say where something happens.
@@ -63,7 +63,7 @@ class PlaceText:
 
     @property
     def step_text(self) -> str:
-        """The distance of successive samples, such as ``2 deg of input 21``.
+        """The mean distance of examined samples, such as ``2 deg of input 21``.
 
         The text is empty if places are numbers of samples, or if there is only one sample.
         """
@@ -81,17 +81,22 @@ class PlaceText:
         Places between samples are interpolated. They are uncertain if the samples are far
         apart.
         """
-        return self.kind == "input" and math.degrees(self.sample_step) >= COARSE_STEP_DEG
+        return self.kind == "input" and self._sample_step_deg >= COARSE_STEP_DEG
 
     @property
     def coarse_step_text(self) -> str:
         """The distance of samples, such as ``10 deg``, if they are far apart, else empty.
 
-        A note then says that places between samples are uncertain.
+        A note then says that extremes and places of rest between samples can be missed.
         """
         if not self.are_samples_far_apart:
             return ""
         return f"{number_text(math.degrees(self.sample_step), digits=3)} deg"
+
+    @property
+    def _sample_step_deg(self) -> float:
+        """Mean distance (deg) of samples, such as exactly 5, without rounding errors."""
+        return round(math.degrees(self.sample_step), 9)
 
     @property
     def _interpolated_decimals(self) -> int:
@@ -100,10 +105,10 @@ class PlaceText:
         The error grows with the square of the step between samples, so fewer decimals are
         known with a larger step.
         """
-        step_deg = math.degrees(self.sample_step)
+        step_deg = self._sample_step_deg
         if step_deg < 1.5:
             return 2
-        return 1 if step_deg < 5.0 else 0
+        return 1 if step_deg < COARSE_STEP_DEG else 0
 
     @property
     def named(self) -> str:
@@ -133,8 +138,19 @@ class PlaceText:
                 return "0" if float(text) == 0.0 else text
             return angle_text(place)
         if self.kind == "time":
-            return number_text(place, digits=3 if between_samples else 4)
+            digits = 3 if between_samples else 4
+            return number_text(place, digits=max(digits, self._sample_digits(place)))
         return f"{place:.0f}"
+
+    def _sample_digits(self, place: float) -> int:
+        """Return the number of digits that distinguish a time from those of other samples.
+
+        In a long motion with a small step, times need more digits than in a short one.
+        """
+        if not place or not self.sample_step:
+            return 1
+        first_decade = math.floor(math.log10(abs(place)))
+        return first_decade - math.floor(math.log10(self.sample_step)) + 1
 
     def between(self, first: float, last: float) -> str:
         """Return the interval between two places as text: ``between 30 and 40``."""

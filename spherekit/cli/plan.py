@@ -12,7 +12,7 @@ from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 from spherekit.wording import counted
 
 if TYPE_CHECKING:
-    from spherekit.planning.pole_plan import Plan
+    from spherekit.planning.pole_plan import LinePole, Plan
 
 EXAMPLES = """examples:
   # the table: which pole is found in which pass
@@ -111,7 +111,13 @@ def execute(options: Namespace) -> int:
         is_last = index == len(plans) - 1
         if is_last and not options.steps:
             same_plan = shlex.join(["spherekit", *options.words])
-            run = f"spherekit run {shlex.quote(options.file)}"
+            run_words = ["spherekit", "run", options.file]
+            for locked_pair in options.lock or []:
+                run_words += ["--lock", locked_pair]
+            # With several inputs, a plan moves one of them, but a run drives all of them.
+            if options.input and not input_plan.locked:
+                run_words += ["--input", options.input]
+            run = shlex.join(run_words)
             report.next_steps = [
                 (f"{same_plan} --steps", "how each pole is constructed"),
                 (run, "compute the poles during the motion"),
@@ -187,6 +193,12 @@ def _case_lines(plan: "Plan") -> list[str]:
     circle and a contact plane, or of two contact planes. Only letters of the plan are
     explained.
     """
+    letters = {step.case for step in _intersection_steps(plan)}
+    return [f"case ({letter}): {CASE_TEXTS[letter]}" for letter in sorted(letters)]
+
+
+def _intersection_steps(plan: "Plan") -> list["LinePole"]:
+    """Return the steps of a plan that find a pole as an intersection."""
     from spherekit.planning.pole_plan import BlockPoles, LinePole
 
     steps = list(plan.steps)
@@ -194,9 +206,7 @@ def _case_lines(plan: "Plan") -> list[str]:
     for step in plan.steps:
         if isinstance(step, BlockPoles):
             steps += step.steps_from_opening
-    # A `LinePole` is a step that finds a pole as an intersection.
-    letters = {step.case for step in steps if isinstance(step, LinePole)}
-    return [f"case ({letter}): {CASE_TEXTS[letter]}" for letter in sorted(letters)]
+    return [step for step in steps if isinstance(step, LinePole)]
 
 
 def _question(plan: "Plan") -> str:
@@ -240,13 +250,15 @@ def _legend(plan: "Plan") -> list[str]:
     source = "the axis of a pair"
     if any(plan.mechanism.pairs[step.pair].rolls for step in pair_steps):
         source += ", or the contact line of two links that roll on each other"
-    lines = [f"{PRIMARY_MARK}: known from the start, because it is {source}"]
+    lines = []
+    if PRIMARY_MARK in marks:
+        lines.append(f"{PRIMARY_MARK}: known from the start, because it is {source}")
     has_roman_numeral = any(set(mark) <= set("IVXLC") for mark in marks if mark)
     if has_roman_numeral:
-        line = (
-            "I, II, ...: found in this pass, where two great circles through poles of "
-            "earlier passes intersect"
-        )
+        circles = "two great circles through poles of earlier passes"
+        if any(step.contacts for step in _intersection_steps(plan)):
+            circles += ", or in contact planes,"
+        line = f"I, II, ...: found in this pass, where {circles} intersect"
         # After pass 0, a pole that comes from pairs is the common axis of several pairs.
         if any(step.pass_number > 0 for step in pair_steps):
             line += ", or as the common axis of coaxial pairs"

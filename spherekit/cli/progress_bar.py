@@ -3,11 +3,12 @@
 Progress is written to stderr, so that results on stdout can be redirected.
 """
 
+import os
 import sys
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from spherekit.escaping import terminal_text
@@ -23,6 +24,9 @@ BAR_WIDTH = 30
 
 REMAINING_TIME_WIDTH = 16
 """Characters that are left to the remaining time and the spaces around the bar."""
+
+DUMB_TERMINALS = ("dumb", "unknown")
+"""Values of the variable ``TERM`` of terminals in which `rich` draws no bar."""
 
 
 class ProgressBar:
@@ -132,22 +136,24 @@ def print_progress_line(report: ProgressReport) -> None:
     """Print a report of unfinished work as a line of stderr."""
     if report.is_finished:
         return
-    print(f"spherekit: {terminal_text(report.text)}", file=sys.stderr, flush=True)
+    # If the program that reads stderr has ended, the computation goes on.
+    with suppress(BrokenPipeError):
+        print(f"spherekit: {terminal_text(report.text)}", file=sys.stderr, flush=True)
 
 
 @contextmanager
 def progress_on_screen(options: Namespace) -> Iterator[None]:
     """Show the progress of long computations within a `with` block.
 
-    In a terminal a bar is drawn, otherwise lines are printed. With ``--quiet`` nothing is
-    shown.
+    In a terminal a bar is drawn. Lines are printed without a terminal, or if the terminal
+    cannot erase a line (``TERM=dumb``). With ``--quiet`` nothing is shown.
     """
     from spherekit.progress import progress_listener
 
     listener: ProgressListener | None
     if options.quiet:
         listener = None
-    elif sys.stderr.isatty():
+    elif sys.stderr.isatty() and os.environ.get("TERM", "").lower() not in DUMB_TERMINALS:
         listener = _bar.show
     else:
         listener = print_progress_line

@@ -15,6 +15,7 @@ from spherekit.cli.completers import complete_analyses, set_completer
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, note, print_json, say
 from spherekit.cli.progress_bar import make_sample_reporter
 from spherekit.cli.run_report import RunOutput, make_report
+from spherekit.cli.screen_report import print_lines
 from spherekit.cli.study_arguments import (
     add_study_arguments,
     add_time_arguments,
@@ -166,7 +167,10 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--strict",
         action="store_true",
-        help="exit with status 3 if any sample failed or --tol was not met",
+        help=(
+            "exit with status 3 if any sample failed, --tol was not met, or an error bound "
+            "proved to be too small"
+        ),
     )
     parser.add_argument(
         "--save",
@@ -362,10 +366,11 @@ def _exit_status(result: "RunResult", exceeded_bounds: int, is_strict: bool) -> 
         return 0
     summary = result.summary
     # Each of the two dicts has the number of rows (samples) for each status that occurs.
-    # The status of a row without a result is not "OK".
+    # The status of a row without a result is not "OK". NO_POLE is no failure: the two links
+    # do not rotate relative to each other.
     statuses = {*summary["status"], *summary["pole_status"]}
     problems = [
-        bool(statuses - {"OK"}),
+        bool(statuses - {"OK", "NO_POLE"}),
         any(analysis["failed_rows"] for analysis in summary["analyses"]),
         exceeded_bounds > 0,
     ]
@@ -405,8 +410,11 @@ def _prove_poles(options: Namespace, study: "Study", result: "RunResult") -> int
     motion = result.results["motion"].data["motion"]
     poles = result.results["poles"].data["poles"]
     proven = prove_poles(study.mechanism, motion, poles)
-    # With --json, standard output has the JSON text only.
-    print(proven, file=sys.stderr if options.json else sys.stdout)
+    if options.json:
+        # Standard output has the JSON text only.
+        note(options, str(proven))
+    elif not options.quiet:
+        print_lines(str(proven).splitlines())
     if study.folder:
         names = proven.write(
             study.folder,
@@ -415,7 +423,7 @@ def _prove_poles(options: Namespace, study: "Study", result: "RunResult") -> int
             FORMAT_CHOICES.get(options.format),
             result.summary["mechanism_hash"],
         )
-        print(f"proven poles in {', '.join(names)}", file=sys.stderr)
+        note(options, f"proven poles in {', '.join(names)}")
     return proven.exceeded
 
 
