@@ -17,12 +17,13 @@ from matplotlib.colors import to_rgb
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.display.figures import style
+from spherekit.display.figures import coinciding_paths, style
 from spherekit.display.figures.coinciding_paths import find_coinciding_paths
 from spherekit.display.figures.column_plots import draw_columns
-from spherekit.display.figures.contents import plan_figures
+from spherekit.display.figures.contents import Figures, plan_figures
 from spherekit.display.figures.dark_figure import DARK_BACKGROUND, dark_copy
-from spherekit.display.figures.sheet import Sheet
+from spherekit.display.figures.figure_files import write_figures
+from spherekit.display.figures.sheet import Drawing, Sheet
 from spherekit.display.figures.sphere_projection import (
     EQUAL_AREA,
     STEREOGRAPHIC,
@@ -30,10 +31,18 @@ from spherekit.display.figures.sphere_projection import (
     frame_about,
     opposite_frame,
 )
-from spherekit.errors import AnalysisError
+from spherekit.errors import AnalysisError, OutputError
 from spherekit.markup import html_table
 from spherekit.scenes.plot_layout import place_labels
-from spherekit.scenes.scene import Axis, Scene, Series
+from spherekit.scenes.scene import (
+    Axis,
+    InputMarks,
+    Mark,
+    PlaneCurve,
+    Portrait,
+    Scene,
+    Series,
+)
 from spherekit.tables.table import ASSEMBLY_MODE, INPUT, INPUTS, SAMPLE, Column, Table
 
 CAP_RADIUS_RAD = 0.4
@@ -314,6 +323,68 @@ def test_a_grid_of_inputs_is_a_map_with_its_zeros():
     assert bar.get_ylabel() == "c"
 
 
+def zero_lines(panel):
+    """Points of the zero lines of a map; its first collection is the mesh."""
+    paths = [path for lines in panel.collections[1:] for path in lines.get_paths()]
+    return [path.vertices for path in paths if len(path.vertices)]
+
+
+@pytest.mark.parametrize(("height", "line_count"), [(1.0, 1), (-1.0, 0)])
+def test_a_zero_beside_a_steep_part_of_one_sign_has_a_line(height, line_count):
+    """The values are a - 0.48 up to a = 0.5, and a constant beyond.
+
+    The step to the constant 1 keeps the sign, so the zero at a = 0.48 has a line. The step
+    to the constant -1 changes the sign beside the zero, and no line is drawn there.
+    """
+    a, b = np.meshgrid(np.linspace(0.0, 1.0, 21), np.linspace(0.0, 1.0, 5), indexing="ij")
+    for first, second in ((a, b), (b.T, a.T)):
+        over = (Axis("left", "", first.ravel()), Axis("right", "", second.ravel()))
+        steep = first if first is a else second
+        values = np.where(steep < 0.52, steep - 0.48, height).ravel()
+        panel, _ = one_figure([series(values, "", "c", "c")], over).axes
+        lines = zero_lines(panel)
+        assert len(lines) == line_count
+        for line in lines:
+            assert line[:, int(first is not a)] == pytest.approx(0.48)
+
+
+def mark_positions(values, unit, marked, x):
+    """Return x and y of the marks drawn on a curve over x."""
+    marks = InputMarks("marks/m", "mark", np.array([[marked]]), tone=1)
+    (panel,) = one_figure([series(values, unit), marks], (Axis("t", "s", x),)).axes
+    (drawn,) = [line for line in panel.lines if line.get_label() == "mark"]
+    return list(drawn.get_xdata()), list(drawn.get_ydata())
+
+
+def test_a_mark_in_a_gap_of_a_curve_is_a_vertical_line():
+    """An angle that jumps by a turn, and a pole, have no value between two samples."""
+    x = np.linspace(0.0, 2.0 * np.pi, 37)
+    wrapped = np.angle(np.exp(1j * (x + 0.05)))
+    marked = np.pi - 0.02
+    assert mark_positions(wrapped, "rad", marked, x) == ([marked, marked], [0, 1])
+    # Beside the jump, and at a sample next to it, the mark is on the curve.
+    for on_curve in (1.0, x[17]):
+        assert mark_positions(wrapped, "rad", on_curve, x) == (
+            [on_curve],
+            pytest.approx([np.degrees(on_curve + 0.05)]),
+        )
+    x = np.linspace(-1.0, 1.0, 100)
+    assert mark_positions(x**-3.0, "", 0.0, x) == ([0.0, 0.0], [0, 1])
+
+
+def test_a_mark_beyond_the_end_of_a_curve_is_a_vertical_line():
+    x = np.linspace(0.0, 1.0, 11)
+    marks = InputMarks("marks/m", "mark", np.array([[0.8]]), tone=1)
+    scenes = [
+        Scene(0, (series(x, ""),), (Axis("t", "s", x),), "made"),
+        Scene(1, (series(x[:6], ""), marks), (Axis("t", "s", x[:6]),), "made"),
+    ]
+    (figure,) = plan_figures(scenes, {0: "Mode 0", 1: "Mode 1"}).values()
+    (panel,) = figure.axes
+    (drawn,) = [line for line in panel.lines if line.get_label() == "mark"]
+    assert list(drawn.get_xdata()) == [0.8, 0.8]
+
+
 def test_inputs_that_are_no_grid_are_drawn_as_a_path():
     """If both inputs grow together, values are a curve over the path."""
     inputs = np.linspace(0.0, 1.0, 30)
@@ -470,6 +541,47 @@ def test_an_unknown_figure_is_refused_with_those_there_are(four_bar):
     assert "velocity coefficients" in repr(four_bar.plot())
 
 
+def test_the_full_name_of_a_figure_chooses_it_even_if_it_is_the_subject_of_another():
+    figures = Figures({"made/angle": lambda: "first", "angle": lambda: "second"})
+    assert figures["angle"] == "second"
+    assert list(figures.values()) == ["first", "second"]
+
+
+def test_a_number_is_refused_as_the_name_of_a_figure(four_bar):
+    with pytest.raises(AnalysisError, match="no figure 3"):
+        four_bar.plot()[3]
+
+
+@pytest.mark.parametrize("names", [("a/p+q", "a/p-q"), ("Ä", "Ö"), ("a/P", "a/p")])
+def test_each_figure_has_a_file_of_its_own(names, tmp_path):
+    paths = write_figures({name: Drawing(figsize=(1.0, 1.0)) for name in names}, tmp_path)
+    assert len({path.name.lower() for path in paths}) == len(names)
+    assert all(path.is_file() and path.stem for path in paths)
+    # Another run replaces the same files.
+    again = write_figures({name: Drawing(figsize=(1.0, 1.0)) for name in names}, tmp_path)
+    assert again == paths
+
+
+def test_a_name_that_is_too_long_for_a_file_is_called_too_long(tmp_path):
+    with pytest.raises(OutputError, match="cannot be written: the name is too long"):
+        write_figures({"a" * 300: Drawing(figsize=(1.0, 1.0))}, tmp_path)
+
+
+@pytest.mark.parametrize("count", [200, 201, 399, 4000])
+def test_a_limited_number_of_points_of_a_path_is_compared(count, monkeypatch):
+    compared_counts = []
+    quantile = np.quantile
+
+    def quantile_of_distances(distances, part):
+        compared_counts.append(len(distances))
+        return quantile(distances, part)
+
+    monkeypatch.setattr(coinciding_paths.np, "quantile", quantile_of_distances)
+    path = np.stack([np.linspace(0.0, 1.0, count), np.zeros(count)], axis=1)
+    find_coinciding_paths([path, path], size=1.0)
+    assert 0 < max(compared_counts) <= coinciding_paths.MAX_COMPARED_POINTS
+
+
 def dashes_of(line):
     """Return the pattern of a line: its dashes and gaps, or "-" for a full line."""
     _, pattern = line._unscaled_dash_pattern
@@ -548,6 +660,34 @@ def test_names_avoid_curves():
 
     assert covers_diagonal(place_label_at_origin())
     assert not covers_diagonal(place_label_at_origin(curve_points=diagonal))
+
+
+def test_names_are_placed_beside_a_path_with_a_huge_outlier():
+    """The part of the path outside of the panel takes no time and memory."""
+    count = 50
+    x = np.linspace(0.0, 360.0, count)
+    y = np.sin(np.radians(x))
+    y[20] = 1e12
+    marks = [Mark(f"m{number}", np.array([50.0 * number, 0.5])) for number in range(7)]
+    portrait = Portrait(
+        "p", "p", x, y, "x", "y", (0.0, 360.0), (-1.0, 1.0), "deg", marks=marks
+    )
+    scene = Scene(0, (portrait,), (Axis("t", "s", np.arange(count)),), "s")
+    (figure,) = plan_figures([scene], {}).values()
+    (panel,) = figure.axes
+    assert {text.get_text() for text in panel.texts} == {mark.label for mark in marks}
+
+
+def test_two_curves_at_one_point_are_both_in_the_legend():
+    point = np.array([[0.5, 0.5]])
+    curves = [PlaneCurve(point, 1, "front"), PlaneCurve(point.copy(), 0, "setting")]
+    at_point = point[:, 0]
+    unit = (0.0, 1.0)
+    portrait = Portrait("p", "p", at_point, at_point, "x", "y", unit, unit, curves=curves)
+    scene = Scene("Trade", (portrait,), (Axis("t", "s", at_point),), "s")
+    (figure,) = plan_figures([scene], {}).values()
+    (panel,) = figure.axes
+    assert panel.get_legend_handles_labels()[1] == ["front", "setting"]
 
 
 def test_names_are_inside_their_frame():

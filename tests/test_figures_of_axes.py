@@ -75,6 +75,24 @@ def test_an_axis_is_drawn_by_its_direction_on_the_visible_side(name, sign):
         assert not np.any(cosines_of_steps < 0.0)
 
 
+def test_an_axis_at_rest_on_the_rim_is_drawn_by_its_own_direction_whatever_the_rounding():
+    for height in (0.0, 1e-17, -1e-17):
+        path = np.tile([1.0, 0.0, height], (3, 1))
+        assert np.array_equal(turn_to_side(path, MAP_MIDDLE), path)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_gap_before_a_part_on_the_rim_leads_to_no_jump_within_that_part(order):
+    """A sample off the rim decides the direction of its neighbours up to the next gap."""
+    gap = [np.nan] * 3
+    on_rim = [-1.0, 0.0, 0.0]
+    path = [[0.0, 0.6, 0.8], gap, on_rim, on_rim, [0.8, 0.0, 0.6], gap, on_rim, on_rim]
+    expected = np.array(path)
+    expected[2:4] *= -1.0
+    directions = turn_to_side(np.array(path)[::order], MAP_MIDDLE)
+    np.testing.assert_array_equal(directions, expected[::order])
+
+
 def axes_of_panel(title):
     """Return link, reference link and middle axis of a panel titled like "P31 ... x"."""
     return title[1], title[2], title[-1]
@@ -319,3 +337,18 @@ def test_titles_of_round_panels_are_inside_their_figures():
                     name_box = name.get_window_extent(renderer)
                     assert not name_box.overlaps(title_box), title
     assert title_count > 15
+
+
+def test_whole_numbers_below_zero_are_drawn_on_the_sphere():
+    """Only small whole numbers, up to 12 in magnitude, have colours of their own."""
+    points = np.eye(3)
+    no_triangles = np.empty((0, 3), int)
+    for least, has_own_colours in ((-300.0, False), (-12.0, True), (-13.0, False)):
+        values = np.array([least, 0.0, 2.0])
+        coloured_points = SphereMap("m", "level", points, no_triangles, values, unit="")
+        (figure,) = plan_figures([sphere_page(coloured_points)], {}).values()
+        figure.draw_without_rendering()
+        norms = [artist.norm for panel in figure.axes[:2] for artist in panel.collections]
+        assert [type(norm).__name__ == "BoundaryNorm" for norm in norms] == (
+            [has_own_colours] * len(norms)
+        )

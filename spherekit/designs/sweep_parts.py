@@ -111,6 +111,7 @@ class SweepResult:
         if has_file_contents:
             finalize(self, shutil.rmtree, self._store, ignore_errors=True)
 
+    @checked(DesignError)
     def plot(self, columns: Columns = 2) -> "dict[str, Figure]":
         """Return a figure for each figure of merit, drawn over the varied sizes.
 

@@ -32,7 +32,7 @@ REGULAR_COLOURS = (
     "#3071a9",
     "#1b5a94",
 )
-"""Colours of regular boxes, from few modes to many."""
+"""Colours of regular boxes, from few modes to many. Further areas repeat the colours."""
 
 BOX_CORNERS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 """(4, 2) corners of a box, in half widths of the box from its centre."""

@@ -22,13 +22,15 @@ Larger: curves are dashed that can be told apart; smaller: one of two curves is 
 """
 
 COINCIDING_QUANTILE = 0.9
-"""Least fraction of a curve that must be within this distance of another curve.
+"""Fraction of the points of a curve that must be near another curve to coincide with it.
+
+Points are near if their distance is below `COINCIDING_RATIO`.
 
 Single rows may be farther away, such as the rows at a jump.
 """
 
 MAX_COMPARED_POINTS = 200
-"""Number of points of a path whose distances from another path are computed."""
+"""Largest number of points of a path whose distances from another path are computed."""
 
 
 class DashPosition(NamedTuple):
@@ -44,8 +46,8 @@ class DashPosition(NamedTuple):
     def linestyle(self) -> Any:
         """The line style for matplotlib of one of several curves that coincide.
 
-        The first curve is a full line (None). The others are drawn over it in dashes, each
-        at another offset, so that all colours are visible.
+        The first curve keeps the line style of its look (None). The others are drawn over
+        it in dashes, each at another offset, so that all colours are visible.
         """
         if not self.position:
             return None
@@ -77,8 +79,8 @@ def find_coinciding_paths(paths: Sequence[Floats], size: float) -> list[DashPosi
     """Return for each drawn path its position among the paths that coincide with it.
 
     Paths at different positions get different dashes, so that none hides another. Two
-    paths coincide if nearly all points of either path are on the other path, up to the
-    thickness of a line. The first of several coinciding paths is their leader.
+    paths coincide if nearly all points of at least one of them are on the other path, up to
+    the thickness of a line. The first of several coinciding paths is their leader.
 
     Parameters
     ----------
@@ -126,7 +128,7 @@ def _lies_on(path: Floats, other_path: Floats, size: float) -> bool:
     if len(points) < 2 or not len(starts):
         return False
     # Compare only some of the points, to save time.
-    step = max(1, len(points) // MAX_COMPARED_POINTS)
+    step = -(-len(points) // MAX_COMPARED_POINTS)  # rounded up
     points = points[::step]
     # Nearest point of each segment: the start of the segment plus a fraction, from 0 to 1,
     # of the segment.

@@ -30,8 +30,9 @@ def draw_columns(
 ) -> Figure:
     """Return a figure of one column of a table against another column.
 
-    A table with rows of samples has a curve for each assembly mode. If its text columns
-    tell several subjects apart, such as pairs of links, each subject has a panel. The rows
+    A table with rows of samples has a curve for each assembly mode. Its text columns can
+    tell several subjects apart, such as pairs of links. Each subject then has a panel. A
+    few subjects in a single mode share one panel, with a curve for each subject. The rows
     of a table without samples, and rows on a grid of several inputs, do not follow each
     other and are drawn as points.
 

@@ -91,7 +91,9 @@ class Figures(Mapping[str, Figure]):
             If no figure has this name, or several figures have it.
         """
         subject_by_name = {key: key.partition("/")[2] for key in self}
-        names = [key for key, subject in subject_by_name.items() if name in (key, subject)]
+        names = [name] if name in self else []
+        if not names:
+            names = [key for key, subject in subject_by_name.items() if name == subject]
         if not names:
             names = [key for key in self if key.startswith(f"{name}/")]
         if not names:
@@ -100,7 +102,7 @@ class Figures(Mapping[str, Figure]):
                 listing(self, len(self))
                 or "none, because no analysis of this run draws a figure"
             )
-            suggestion = nearest(name, [*self, *subject_by_name.values()])
+            suggestion = nearest(str(name), [*self, *subject_by_name.values()])
             raise AnalysisError(
                 f"this run has no figure {name!r}{suggestion or '.'} Figures: {all_names}"
             )
@@ -385,8 +387,8 @@ def _plan_paths(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure
     """
     arrows: list[ShownItem] = []
     for scene in scenes:
-        # An assembly mode has a number as its page. `over` has the axes of the plot, such
-        # as inputs or the time.
+        # The scenes of assembly modes have the number of the mode as their page. Only these
+        # scenes are drawn. `over` has the axes of the plot, such as inputs or the time.
         if not isinstance(scene.page, int) or len(scene.over) != 1:
             continue
         for primitive in scene.primitives:

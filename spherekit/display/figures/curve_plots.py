@@ -230,8 +230,8 @@ def _note_spread_of_rounding(
 def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
     """Draw marks at inputs, such as singular ones, on a curve.
 
-    If the curve has no value at the input, or a value outside the frame, a vertical line is
-    drawn.
+    If the curve has no value or a gap at the input, or a value outside the frame, a
+    vertical line is drawn.
 
     Parameters
     ----------
@@ -248,13 +248,18 @@ def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
     scene, series = curve
     # The marks are inputs of the only axis of the scene.
     axis_values = scene.over[0].values
-    order = np.argsort(axis_values)
+    points = np.stack([axis_values, series.values], axis=1)[np.argsort(axis_values)]
+    # Each gap of the curve gets a point without a value, halfway between its neighbours.
+    line = break_at_jumps(points, (low, high), TURN_BY_UNIT.get(series.unit))
+    gaps = np.flatnonzero(np.isnan(line).all(axis=1))
+    gaps = gaps[(gaps > 0) & (gaps < len(line) - 1)]
+    line[gaps, 0] = 0.5 * (line[gaps - 1, 0] + line[gaps + 1, 0])
     # All marks have one label. The legend shows it once.
     label = plot_text(input_marks.label)
     for position in input_marks.inputs[:, 0]:
         if not left <= position <= right:
             continue
-        value = np.interp(position, axis_values[order], series.values[order])
+        value = np.interp(position, line[:, 0], line[:, 1], left=np.nan, right=np.nan)
         if low <= value <= high:
             # With a zorder above 2, the zorder of lines, the marker covers the curve.
             look = marker_look(input_marks.tone) | {"label": label}
@@ -269,7 +274,8 @@ def _find_coinciding(values_by_curve: Sequence[Floats], span: float) -> list[Das
 
     Curves at different positions get different dashes, so that none hides another. Two
     curves coincide if they differ by less than the thickness of a drawn line at nearly all
-    rows. The first of several coinciding curves is their leader, at position 0.
+    rows in which both have values. The first of several coinciding curves is their leader,
+    at position 0.
 
     Parameters
     ----------

@@ -23,7 +23,10 @@ MIN_CONTRAST = 4.5
 """Least contrast of colours with the background, from the WCAG guidelines for text."""
 
 MAX_GREY_SATURATION = 0.12
-"""Saturation up to which a colour counts as a grey. Light and dark greys are exchanged."""
+"""Largest difference between red, green and blue of a colour that counts as a grey.
+
+Light and dark greys are exchanged.
+"""
 
 COLOUR_PROPERTIES = (
     "color",

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from spherekit.display.figures.matplotlib_sdk import Figure
-from spherekit.errors import OutputError
 from spherekit.storage.atomic_write import (
     SOFTWARE_MARK,
     check_made_by_spherekit,
     make_folder,
+    output_error,
 )
 
 FigureFormat = Literal["png", "pdf", "svg"]
@@ -24,6 +24,7 @@ def write_figures(
 ) -> list[Path]:
     """Write every figure of a run into a folder, named by analysis and subject.
 
+    Figures whose names give the same file name get numbers, so that each has a file.
     An existing file is replaced only if it contains the name of this software.
 
     Parameters
@@ -45,21 +46,29 @@ def write_figures(
         If a file cannot be written, or would replace a file that spherekit has not made.
     """
     make_folder(folder)
-    paths = []
+    paths: list[Path] = []
+    # Some disks do not distinguish capital letters in the names of files.
+    used_stems: set[str] = set()
     for name in figures:
-        path = folder / f"{file_stem(name)}.{kind}"
+        first_stem = stem = file_stem(name) or "figure"
+        number = 1
+        while stem.lower() in used_stems:
+            number += 1
+            stem = f"{first_stem}_{number}"
+        used_stems.add(stem.lower())
+        path = folder / f"{stem}.{kind}"
         check_made_by_spherekit(path, SOFTWARE_MARK.encode())
         try:
             figures[name].savefig(path, metadata={"Creator": SOFTWARE_MARK})
         except OSError as error:
-            raise OutputError(
-                f"cannot write {path}: {error.strerror}; choose a folder you may write to, "
-                "on a disk with room"
-            ) from error
+            raise output_error(path, "written", error) from error
         paths.append(path)
     return paths
 
 
 def file_stem(name: str) -> str:
-    """Return the name of the file of a figure, without its ending."""
+    """Return the name of the file of a figure, without its ending.
+
+    The name has only letters of ASCII, digits and underscores, and may be empty.
+    """
     return re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")

@@ -40,8 +40,8 @@ MAX_SLICES = 3
 def find_grid(axes: Sequence[Axis]) -> list[Floats] | None:
     """Return the values of each axis if samples form a grid, else None.
 
-    In a grid, all combinations of the values occur, and the last axis varies fastest. A map
-    is drawn only over a grid.
+    In a grid, all combinations of the values occur in ascending order, and the last axis
+    varies fastest. A map is drawn only over a grid.
 
     Parameters
     ----------
@@ -161,14 +161,19 @@ def _draw_zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -
     span
         Range of the colours, in the unit of the quantity.
     """
-    # Where a value jumps along x or y, the values on the two sides of the jump are removed
-    # (NaN).
+    # Where a value jumps from one sign to the other along x or y, the values on the two
+    # sides of the jump are removed (NaN).
     continuous_table = table.copy()
-    for axis in (0, 1):
-        step_before = np.abs(np.diff(table, axis=axis, prepend=np.nan))
-        step_after = np.abs(np.diff(table, axis=axis, append=np.nan))
-        continuous_table[step_before > SIGN_JUMP_RATIO * span] = np.nan
-        continuous_table[step_after > SIGN_JUMP_RATIO * span] = np.nan
+    # For each axis, views whose entries are neighbours along this axis.
+    for table_view, result_view in (
+        (table, continuous_table),
+        (table.T, continuous_table.T),
+    ):
+        before, after = table_view[:-1], table_view[1:]
+        has_sign_change = np.sign(before) * np.sign(after) < 0.0
+        jumps = has_sign_change & (np.abs(after - before) > SIGN_JUMP_RATIO * span)
+        result_view[:-1][jumps] = np.nan
+        result_view[1:][jumps] = np.nan
     if np.any(continuous_table < 0.0) and np.any(continuous_table > 0.0):
         panel.contour(
             x, y, continuous_table.T, levels=[0.0], colors=style.INK, linewidths=0.8

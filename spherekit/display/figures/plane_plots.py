@@ -60,12 +60,13 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
         Size of the figure, and titles of modes.
     """
     _, first_portrait = items[0]
-    # The bytes of the points serve as keys, so that equal curves and marks occur once.
-    curve_by_points: dict[bytes, PlaneCurve] = {}
+    # Labels and the bytes of the points serve as keys, so that equal curves and marks
+    # occur once.
+    curve_by_points: dict[tuple[str, bytes], PlaneCurve] = {}
     mark_by_place: dict[tuple[str, bytes], Mark] = {}
     for _, portrait in items:
         for curve in portrait.curves:
-            curve_by_points[curve.points.tobytes()] = curve
+            curve_by_points[curve.label, curve.points.tobytes()] = curve
         for mark in portrait.marks:
             mark_by_place[mark.label, mark.place.tobytes()] = mark
     marks = list(mark_by_place.values())

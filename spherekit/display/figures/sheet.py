@@ -26,7 +26,11 @@ from spherekit.scenes.plot_layout import place_labels
 from spherekit.scenes.scene import Page
 
 DEGREE_TICK_STEPS = (1, 1.2, 1.5, 1.8, 3, 4.5, 6, 9, 10)
-"""Steps of ticks, times powers of ten, that divide a revolution in degrees."""
+"""Steps of ticks, times powers of ten.
+
+Steps from 1 to 90 divide a revolution (360 degrees). Of the larger steps, only 120 and 180
+do.
+"""
 
 DEGREE_TICK_RANGE = 60.0
 """Smallest range (deg) of an axis with these ticks. Shorter axes have decimal ticks."""
@@ -279,18 +283,24 @@ def _points_on_lines(panel: Axes, distance: float) -> Floats:
         Largest distance (pixels) of successive points of a line, and mesh of the grid.
     """
     frame = panel.bbox.padded(distance)
+    frame_diagonal = np.hypot(frame.width, frame.height)
     points_of_lines: list[Floats] = [np.empty((0, 2))]
     for line in panel.lines:
         corners = np.asarray(line.get_transform().transform(line.get_xydata()), float)
         for start, end in pairwise(corners):
             length = np.linalg.norm(end - start)
             has_gap = not np.isfinite(length)  # NaN separates the parts of a line
-            # Only the start of a segment is tested. Segments are short, so the rest of a
-            # segment hardly matters.
+            # Only the start of a segment is tested. Most segments are short, so segments
+            # that only end in the frame hardly matter.
             if has_gap or not frame.contains(*start):
                 continue
-            # Positions along the segment: 0 at its start, 1 at its end.
-            fractions = np.linspace(0.0, 1.0, int(length / distance) + 2)
+            # Positions along the segment: 0 at its start, 1 at its end. A segment may end
+            # at an outlier very far away. Beyond the diagonal it is outside of the frame.
+            visible_length = min(length, frame_diagonal)
+            visible_fraction = visible_length / length if length else 1.0
+            fractions = np.linspace(
+                0.0, visible_fraction, int(visible_length / distance) + 2
+            )
             points_of_lines.append(start + fractions[:, None] * (end - start))
     points = np.concatenate(points_of_lines)
     return np.unique(np.round(points / distance), axis=0) * distance

@@ -66,7 +66,7 @@ Larger: more directions that are close to a circle, but inside, get the next cir
 """
 
 MAX_COUNTED_COLOURS = 12
-"""Largest whole number up to which whole numbers have colours of their own."""
+"""Largest magnitude up to which whole numbers have colours of their own."""
 
 TITLE_ABOVE_RIM_PT = 16.0
 """Distance (points) of the title of a map from its rim; less: it covers an axis name."""
@@ -83,9 +83,10 @@ def draw_sphere(
 ) -> Figure:
     """Return a figure of quantities and curves on the sphere, in two projections.
 
-    The equal-area and the stereographic projection are drawn side by side. The maps are
-    centred on the axis of the ground that is nearest to the directions shown, and contain
-    all these directions. If a map would become too large, the two hemispheres are drawn.
+    The equal-area and the stereographic projection are drawn side by side. The maps contain
+    all areas and marks, and are centred on the ground axis nearest to them. If there are
+    neither, the points of the curves count instead. Curves beyond the rim are cut off. If a
+    map would become too large, the two hemispheres are drawn.
 
     Parameters
     ----------
@@ -277,7 +278,7 @@ def _choose_colour_scale(values: Floats, unit: str) -> Normalize:
     """
     low, high = choose_map_range(values, unit)
     are_whole = unit == "" and np.all(values == np.round(values))
-    if are_whole and high < MAX_COUNTED_COLOURS:
+    if are_whole and max(-low, high) <= MAX_COUNTED_COLOURS:
         return BoundaryNorm(np.arange(low - 0.5, high + 1.0), 256)
     return Normalize(low, high)
 

@@ -189,23 +189,30 @@ def turn_to_side(directions: Floats, out: Floats) -> Floats:
 
     Returns
     -------
-    (n, 3) for each sample the direction or its opposite. A direction on the rim stays as
-    it is if no neighbour decides.
+    (n, 3) for each sample the direction or its opposite. If a part of the path between
+    samples without a direction is wholly on the rim, its first direction stays as it is.
     """
     heights = directions @ out
-    shown = np.where(heights < 0.0, -1.0, 1.0)[:, None] * directions
     is_on_rim = np.abs(heights) < RIM_SINE
+    is_hidden = ~is_on_rim & (heights < 0.0)
+    shown = np.where(is_hidden, -1.0, 1.0)[:, None] * directions
 
-    # Decide the samples on the rim one after another. Start at the first sample off the
-    # rim, and go forwards, then backwards.
-    off_rim = np.flatnonzero(~is_on_rim & np.isfinite(heights))
-    first_decided = off_rim[0] if len(off_rim) else 0
-    for sample in range(first_decided + 1, len(shown)):
-        if is_on_rim[sample]:
+    # Decide the samples on the rim one after another, forwards from each sample off the
+    # rim, then backwards. A sample without a direction decides nothing.
+    is_decided = ~is_on_rim & np.isfinite(heights)
+    for sample in range(1, len(shown)):
+        if is_on_rim[sample] and is_decided[sample - 1]:
             shown[sample] = _choose_nearer(shown[sample], shown[sample - 1])
-    for sample in range(first_decided - 1, -1, -1):
-        if is_on_rim[sample]:
+            is_decided[sample] = True
+    for sample in range(len(shown) - 2, -1, -1):
+        if is_on_rim[sample] and not is_decided[sample] and is_decided[sample + 1]:
             shown[sample] = _choose_nearer(shown[sample], shown[sample + 1])
+            is_decided[sample] = True
+    # The remaining samples are in parts of the path that are on the rim from end to end.
+    # The first direction of such a part stays, and the others follow it.
+    for sample in range(1, len(shown)):
+        if is_on_rim[sample] and not is_decided[sample]:
+            shown[sample] = _choose_nearer(shown[sample], shown[sample - 1])
     return shown
 
 

@@ -1,7 +1,8 @@
 """The style of figures: widths, letters, and the meaning of each colour.
 
-Each mode has a colour by its number, which is the same in every figure. The colours are
-taken from Okabe and Ito (2008), which can be distinguished with any kind of colour vision.
+In the figures of a run, each mode has a colour by its number, the same in every figure. The
+first six of these colours are from Okabe and Ito (2008), who chose them for readers with
+and without colour blindness.
 """
 
 from collections.abc import Mapping
@@ -53,7 +54,7 @@ SERIES_COLOURS = (
     "#661100",
     "#999933",
 )
-"""Colours of several quantities in one mode; the muted set of Tol (2021)."""
+"""Colours of several quantities in one mode. Most are in the muted set of Tol (2021)."""
 
 TONE_COLOURS = (INK, "#B2182B", "#7B3294", "#1B7837", "#9E9E9E", "#8C510A", "#2166AC")
 """Colours of kinds of curves and marks; 1, 2 and 3 are the types of singularities."""

@@ -12,7 +12,7 @@ from spherekit.scenes.plot_layout import choose_map_range
 from spherekit.scenes.scene import Surface, title_with_unit
 
 MAX_HEIGHT_IN = 4.5
-"""Largest height (inches) of the figure."""
+"""Largest height (inches) of the figure without its legend."""
 
 COLOUR_BAR_DISTANCE = 0.12
 """Distance of the colour bar from the panel, beyond the labels of the panel's axis."""

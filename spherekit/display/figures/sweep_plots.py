@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.display.figures import style
 from spherekit.display.figures.matplotlib_sdk import Axes, Figure
-from spherekit.display.figures.sheet import Drawing
+from spherekit.display.figures.sheet import LEGEND_KEY_IN, LEGEND_LETTER_IN, Drawing
 from spherekit.errors import DesignError
 from spherekit.escaping import plot_text
 
@@ -20,7 +21,10 @@ PANEL_HEIGHT_IN = 2.6
 """Height of a panel (inches)."""
 
 MAX_LINE_DESIGNS = 60
-"""Number of designs up to which points are marked on a line."""
+"""Number of designs up to which points are marked on the line of the first mode."""
+
+MAX_SWEEP_LEGEND_COLUMNS = 4
+"""Largest number of columns of the legend."""
 
 MARKER_AREA_PT2 = 14.0
 """Area of the points of designs (square points)."""
@@ -51,7 +55,10 @@ def sweep_figures(result: "SweepResult", columns: int = 2) -> dict[str, Figure]:
         If no design has a numeric figure of merit.
     """
     frame = result.frame()
+    designs = frame
     frame = frame[np.array(frame["status"] == "OK")]
+    # A mode has the same colour in the figures of all figures of merit.
+    modes = list(dict.fromkeys(frame["mode"].astype(str)))
     units: Mapping[str, str | None] = result.sweep.units()
     sizes = [variable.name for variable in result.sweep.variables]
     figures = {}
@@ -61,7 +68,9 @@ def sweep_figures(result: "SweepResult", columns: int = 2) -> dict[str, Figure]:
         rows = frame[np.isfinite(frame[merit.name].to_numpy(float))]
         if len(rows):
             with style.look():
-                figures[merit.name] = _draw_merit(rows, merit.name, sizes, units, columns)
+                figures[merit.name] = _draw_merit(
+                    rows, designs, merit.name, sizes, modes, units, columns
+                )
     if not figures:
         raise DesignError(
             f"{result.sweep.mechanism.name}: no design has a figure of merit to draw"
@@ -71,8 +80,10 @@ def sweep_figures(result: "SweepResult", columns: int = 2) -> dict[str, Figure]:
 
 def _draw_merit(
     rows: "pd.DataFrame",
+    designs: "pd.DataFrame",
     merit: str,
     sizes: Sequence[str],
+    modes: Sequence[str],
     units: Mapping[str, str | None],
     columns: int,
 ) -> Figure:
@@ -83,10 +94,14 @@ def _draw_merit(
     rows
         The rows in which the figure of merit is a number. A row is a design in one assembly
         mode.
+    designs
+        The rows of all designs, also of those that failed.
     merit
         Name of the column of the figure of merit.
     sizes
         The columns of the varied sizes.
+    modes
+        All assembly modes of the sweep. The position of a mode determines its colour.
     units
         Units of columns.
     columns
@@ -123,18 +138,23 @@ def _draw_merit(
         figure.colorbar(drawn, ax=panels[: len(panel_titles)], label=merit_label)
         return figure
     for axes, size in zip(panels, sizes, strict=False):
-        for number, (mode, mode_rows) in enumerate(rows_by_mode.items()):
+        for mode, mode_rows in rows_by_mode.items():
+            number = modes.index(mode)
             look = style.page_look(number)
             ordered = mode_rows.sort_values(size)
             if len(sizes) == 1:
+                line = _line_with_gaps(ordered, designs, size, merit)
                 # Modes often have equal figures. Dashes let the line below be seen.
                 if number > 0:
                     look["linestyle"] = "--"
-                has_markers = number == 0 and len(ordered) <= MAX_LINE_DESIGNS
+                # A point without a line to a neighbour would not be seen without a marker.
+                marked_points = _find_lone_points(line)
+                if number == 0 and len(ordered) <= MAX_LINE_DESIGNS:
+                    marked_points = list(range(len(line)))
                 axes.plot(
-                    ordered[size],
-                    ordered[merit],
-                    marker="." if has_markers else "",
+                    *line.T,
+                    marker="." if marked_points else "",
+                    markevery=marked_points,
                     label=plot_text(f"assembly mode {mode}"),
                     **look,
                 )
@@ -151,8 +171,42 @@ def _draw_merit(
                 )
         axes.set(xlabel=_label(size, units), ylabel=merit_label)
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    entry_width = LEGEND_LETTER_IN * max(map(len, labels)) + LEGEND_KEY_IN
+    legend_columns = min(MAX_SWEEP_LEGEND_COLUMNS, int(style.WIDTHS[columns] / entry_width))
+    figure.legend(handles, labels, loc="outside lower center", ncols=max(1, legend_columns))
     return figure
+
+
+def _line_with_gaps(
+    rows: "pd.DataFrame", designs: "pd.DataFrame", size: str, merit: str
+) -> Floats:
+    """Return the points (n, 2) of a line of a figure of merit over the only varied size.
+
+    The figure is NaN at designs without a row, so that no line is drawn across them.
+
+    Parameters
+    ----------
+    rows
+        The designs in one assembly mode that have the figure of merit.
+    designs
+        The rows of all designs, also of those that failed.
+    size
+        The column of the varied size.
+    merit
+        The column of the figure of merit.
+    """
+    points = rows[[size, merit]].to_numpy(float)
+    missing = np.setdiff1d(designs[size].to_numpy(float), points[:, 0])
+    gaps = np.stack([missing, np.full_like(missing, np.nan)], axis=1)
+    points = np.concatenate([points, gaps])
+    return points[np.argsort(points[:, 0], kind="stable")]
+
+
+def _find_lone_points(line: Floats) -> list[int]:
+    """Return the indices of the points (n, 2) that have no neighbour to draw a line to."""
+    has_value = np.pad(np.isfinite(line[:, 1]), 1)
+    is_lone = has_value[1:-1] & ~has_value[:-2] & ~has_value[2:]
+    return np.flatnonzero(is_lone).tolist()
 
 
 def _draw_two_sizes(
