@@ -10,11 +10,13 @@ from helpers.page_waits import wait_until
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.display.pages.page import PageMaker
+from spherekit.display.pages.page_facts import quantity_facts
 from spherekit.errors import EngineError
 from spherekit.files.mechanism_reader import loads
 from spherekit.geometry.vectors import unit_rows
 from spherekit.mechanism.load_kinds import PairTorque, Spring
 from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.velocities.row_quantities import row_quantities
 
 EVERY = (
     "four_bar",
@@ -24,6 +26,21 @@ EVERY = (
     "five_bar",
     "double_butterfly",
 )
+
+LINKS_WITH_UNDERSCORES = """format = 1
+name = "underscores"
+angle_unit = "deg"
+ground = "1"
+links.1 = {axes = ["41", "21"], arcs = [60.0]}
+links.2_1 = {axes = ["32", "43"], arcs = [70.0]}
+links.2 = {axes = ["21", "32"], arcs = [20.0]}
+links.4 = {axes = ["43", "41"], arcs = [40.0]}
+pairs.21 = {type = "R", links = ["1", "2"]}
+pairs.32 = {type = "R", links = ["2", "2_1"]}
+pairs.43 = {type = "R", links = ["2_1", "4"]}
+pairs.41 = {type = "R", links = ["1", "4"]}
+inputs.21 = {from = 0.0, to = 360.0}
+"""
 
 
 @pytest.fixture
@@ -77,6 +94,50 @@ def test_the_saved_text_is_the_file(name):
     text = "".join(repr(values[x]) if isinstance(x, int) else x for x in parts)
     assert loads(text, name) == sk.load(name)
     assert "# Assumed: " in text
+
+
+def test_a_saved_text_that_is_written_anew_has_every_number():
+    """The file states directions by `xyz`, so that its text has no angles to replace."""
+    made = PageMaker("miura_unit", None, ["q"], None).make_model([])
+    parts, values = made["toml"], [size["value"] for size in made["sizes"]]
+    assert [x for x in parts if isinstance(x, int)] == [*range(len(values))]
+    assert len(values) > 9
+    text = "".join(repr(values[x]) if isinstance(x, int) else x for x in parts)
+    saved, mechanism = loads(text, "miura_unit"), sk.load("miura_unit")
+    for pair, axis in mechanism.geometry.axes.items():
+        assert np.allclose(saved.geometry.axes[pair], axis, rtol=0.0, atol=1e-15)
+
+
+def test_a_pattern_selects_no_results_that_only_the_scripts_use(tmp_path):
+    """`closure_1`, which also ends in "_1", is such a result."""
+    made = sk.page("four_bar", tmp_path / "ends.html", vary=[], quantities=["*_1"])
+    names = [name for name in row_quantities(sk.load("four_bar")) if name.endswith("_1")]
+    assert f"{len(names)} curves" in made.holds
+
+
+def test_quantities_that_a_page_cannot_compute_are_refused_without_loads(tmp_path):
+    with pytest.raises(EngineError, match="quantities depend on t, which pages do not"):
+        sk.page("watt", tmp_path / "time.html", vary=[], quantities=["t"])
+
+
+def test_friction_of_a_mechanism_without_masses_refuses_no_page(tmp_path):
+    """No torques are shown by default without masses, so the friction does not matter."""
+    bearings = sk.Bearings("rubbing", "41", (0.1, 0.15), 0.01, 0.1)
+    rubbed = replace(sk.load("four_bar"), masses=(), loads=(bearings,))
+    made = sk.page(rubbed, tmp_path / "rubbed.html", vary=[])
+    assert "2 curves" in made.holds and not made.notes
+
+
+def test_a_label_names_the_links_even_if_another_link_is_named_by_its_first_part():
+    """The links "2_1" and "2" both begin a name such as velocity_coefficient_2_1_4."""
+    mechanism = loads(LINKS_WITH_UNDERSCORES, "underscores")
+    assert mechanism.links == ("1", "2_1", "2", "4")
+    for name, label in {
+        "velocity_coefficient_2_1_4": "velocity coefficient 2 1/4",
+        "velocity_coefficient_4_2": "velocity coefficient 4/2",
+        "pole_2_1_4_x": "pole 2 1/4 x",
+    }.items():
+        assert quantity_facts(mechanism, name, "")["label"] == label
 
 
 def test_loads_that_a_page_cannot_follow_are_left_out_and_named(tmp_path):

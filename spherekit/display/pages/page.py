@@ -73,9 +73,10 @@ JOINT_LIMIT_KEY = ' <span><i class="limit"></i>beyond a joint limit</span>'
 """Line of the legend on pages of mechanisms with joint limits."""
 
 MOTION_ARGUMENTS = ("q", "dq", "ddq")
-"""Names of arguments of kernels (functions in JavaScript) that a page can compute.
+"""Beginnings of the names of motion arguments that a page has: ``q_21``, for example.
 
-They include whole turns of passive pairs, but no time.
+The motion arguments of kernels (functions in JavaScript) describe a sample. A page has no
+time. A page with one input also counts whole turns of passive pairs.
 """
 
 
@@ -155,8 +156,8 @@ class PageMaker:
         A kernel is a set of JavaScript functions. One kernel computes all quantities at
         every sample. Another kernel computes the picture at the cursor.
 
-        Sliders change numbers of the mechanism file. By default all arcs and angles have a
-        slider, except those that change no result.
+        Sliders change numbers of the mechanism file. By default all sizes that can vary
+        have a slider, except those that change no result.
 
         Raises
         ------
@@ -170,8 +171,12 @@ class PageMaker:
         shown_patterns = self._requested_quantities
         if shown_patterns is None:
             shown_patterns = self._page_quantities.default_names(with_torques=True)
+        # Results that only the scripts of the page use are no quantities of the mechanism.
+        unit_by_name = self._page_quantities.unit_by_name
         shown_names = [
-            name for name in row_formulas.results if _matches_any(name, shown_patterns)
+            name
+            for name in row_formulas.results
+            if name in unit_by_name and _matches_any(name, shown_patterns)
         ]
         # The quantities that are needed to draw links, pairs (joints) and poles (axes of
         # the relative rotation of two links).
@@ -223,8 +228,8 @@ class PageMaker:
         Raises
         ------
         EngineError
-            If loads depend on arguments that the page does not have, such as the time, or
-            if modes cannot pass a crossing of curves of configurations.
+            If quantities depend on arguments that the page does not have, such as the time,
+            or if modes cannot pass a crossing of curves of configurations.
         """
         page_formulas = formulas(
             self._stated_mechanism,  # an object, a name or a path
@@ -252,7 +257,7 @@ class PageMaker:
         Raises
         ------
         EngineError
-            If a load depends on other arguments, such as the time.
+            If a quantity or load depends on other arguments, such as the time.
         """
         turn_arguments = {f"turns_of_{pair}" for pair in self._wound_pairs}
         # `motion` lists the arguments that describe the motion. The names of inputs begin
@@ -263,9 +268,11 @@ class PageMaker:
             if kind not in MOTION_ARGUMENTS and argument.name not in turn_arguments:
                 unknown_arguments.append(argument.name)
         if unknown_arguments:
+            unknown = listing(unknown_arguments)
             raise EngineError(
-                f"loads depend on {listing(unknown_arguments)}, which pages do not "
-                "support; remove these loads from the file to see the torque of the others"
+                f"quantities depend on {unknown}, which pages do not support; request "
+                f"other quantities, or remove the loads that depend on {unknown} from the "
+                "file"
             )
 
     def _check_smooth_curves(self, page_formulas: Formulas) -> None:
@@ -366,9 +373,10 @@ class PageMaker:
         if self._requested_quantities is not None:
             return self._make_formulas([*self._requested_quantities, *needed_names])
         try:
-            # Raise an error for friction that depends on reactions. The text is a part of
-            # the message.
-            check_no_reaction_friction(self._mechanism, "a page")
+            # By default torques are shown if there are masses. For them, raise an error for
+            # friction that depends on reactions. The text is a part of the message.
+            if self._mechanism.masses:
+                check_no_reaction_friction(self._mechanism, "a page")
             names = self._page_quantities.default_names(with_torques=True)
             return self._make_formulas([*names, *needed_names])
         except SpherekitError as problem:
@@ -381,9 +389,10 @@ class PageMaker:
     # Sizes with sliders
 
     def _find_sizes(self) -> Names:
-        """Return the keys of all arcs and angles of the mechanism file that get a slider.
+        """Return the keys of the arcs and angles of the mechanism file that get a slider.
 
-        A note is added for each size that cannot have a slider.
+        A note is added for each axis that the file states by two directions. With contacts,
+        a note is also added for each size that cannot be an argument of formulas.
         """
         # An axis that the file states by two other directions has no number to vary.
         keys = self._omit_axes_by_directions(default_size_keys(self._mechanism))
@@ -414,8 +423,8 @@ class PageMaker:
         ----------
         keys
             Keys of numbers in the file. The keys of the pair NAME begin with
-            ``pairs.NAME``. A P pair has no other numbers than its axis, so all its keys are
-            removed.
+            ``pairs.NAME``. The keys of pairs among them all belong to axes, so all keys of
+            a P pair without such an axis are removed.
         """
         pairs_without_axis = [
             name
@@ -573,7 +582,10 @@ class PageMaker:
         return [design_variable(self._document, key) for key in self.keys]
 
     def _slider_facts(self, variable: DesignVariable) -> Facts:
-        """Return the key, value and ranges of a slider, in the unit of the file."""
+        """Return the key, value and ranges of a slider, in the unit of the file.
+
+        The entry "unit" is "rad" for all angles, also if the unit of the file is deg.
+        """
         slider = slider_range(self._document, self._mechanism, variable)
         unit = "rad" if variable.is_angle else ""
         return {

@@ -83,7 +83,7 @@ def link_facts(mechanism: Mechanism, link: str) -> Facts:
                 "rolls": pair.rolls and profile.radius is not None,
             }
         )
-    # `link_axes` maps each link to the axes of its R pairs by the name of the pair.
+    # `link_axes` maps each link to the axes of its R and P pairs by the name of the pair.
     pairs_with_axis = list(link_axes(mechanism)[link])
     return {"name": link, "pairs": pairs_with_axis, "profiles": profiles}
 
@@ -91,8 +91,8 @@ def link_facts(mechanism: Mechanism, link: str) -> Facts:
 def pair_facts(mechanism: Mechanism) -> list[Facts]:
     """Return the descriptions of all pairs (joints) for the scripts of a page.
 
-    A revolute pair has an axis. A contact has no axis, and one variable if it rolls, or two
-    variables if it slides.
+    An R or P pair has an axis and one variable. A contact has no axis, and one variable if
+    it rolls, or two variables if it slides.
     """
     return [
         {
@@ -122,11 +122,14 @@ def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
     """
     # The derivative of the equivalent inertia B with respect to the input.
     label = name.replace("dB_dq", "dB/dq").replace("_", " ")
-    # Names of links may contain underscores, so all pairs of links are tried.
+    # Names of links may contain underscores, so all pairs of links are tried. With several
+    # inputs, the name ends in the input that moves.
+    inputs = "|".join(re.escape(driven.pair) for driven in mechanism.inputs)
+    ending = rf"(?:_by_(?:{inputs}))?"
     for a, b in permutations(mechanism.links, 2):
-        match = re.fullmatch(
-            rf"(\w+_coefficient|pole)_{re.escape(a)}_{re.escape(b)}(|_.*)", name
-        )
+        links = f"{re.escape(a)}_{re.escape(b)}"
+        match = re.fullmatch(rf"(\w+_coefficient)_{links}({ending})", name)
+        match = match or re.fullmatch(rf"(pole)_{links}(_[xyz]{ending})", name)
         if match:
             kind, suffix = match.groups()
             label = f"{kind} {a}/{b}{suffix}".replace("_", " ")

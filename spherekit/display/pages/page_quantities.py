@@ -152,7 +152,10 @@ class PageQuantities:
 
     @property
     def output_determinant(self) -> str:
-        """Name of the determinant that is zero where the first output stops, or empty."""
+        """Name of the Jacobian determinant of the first output that has one, or empty.
+
+        The determinant is zero if the output can stop while inputs move.
+        """
         for output in self._mechanism.outputs:
             name = f"jacobian_determinant_{output.name}"
             if name in self.unit_by_name:

@@ -92,7 +92,7 @@ def slider_range(
         half_range = SLIDER_REACH_DEG * _degrees_to_file_unit(document)
     else:
         half_range = abs(value) or 1.0
-    # The step is a power of ten. The slider has at least 100 steps.
+    # The step is a power of ten. A slider that no limit shortens has at least 100 steps.
     step = float(10.0 ** np.floor(np.log10(half_range / 50.0)))
     # The text field accepts numbers from `least` to `most`. The file format limits some
     # numbers: an arc of a link, for example, is from 0 to 180 degrees.

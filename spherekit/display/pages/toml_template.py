@@ -20,7 +20,7 @@ _TOML_NUMBER = re.compile(
 """A number in TOML that is no part of a word."""
 
 _MARK_FORMAT = "{}.5e-271"
-"""Text that marks the position of a number: a number that no file has."""
+"""Number that no file has, as text. It marks the position of a number of the file."""
 
 _MAX_TRIED_NUMBERS = 64
 """Largest number of trials in the search for a number, which begins at the line of its key.
@@ -50,8 +50,9 @@ def split_at_numbers(document: Document, paths: Sequence[KeyPath]) -> list[str |
     Texts, and between them integers. Each integer stands for the number with this index in
     `paths`.
     """
-    # Each mark is a number that no file contains.
-    marks = [_MARK_FORMAT.format(index + 1) for index in range(len(paths))]
+    # Each mark is a number that no file contains. It has the form in which text that is
+    # written anew states this number.
+    marks = [repr(float(_MARK_FORMAT.format(index + 1))) for index in range(len(paths))]
     text = document.text
     for path, mark in zip(paths, marks, strict=True):
         if text is None:
