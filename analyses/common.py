@@ -172,9 +172,10 @@ def plot_series(
     link
         Index of a link, if the curve should have the colour of this link.
     """
-    # Other characters are replaced by a hyphen, which no name has, so that labels with
-    # different names have different paths.
-    file_name = re.sub(r"[^A-Za-z0-9_]+", "-", label)
+    # Each other character is replaced by a hyphen, which no name has, so that labels with
+    # different names have different paths. So have labels with opposite numbers: the minus
+    # is a second hyphen.
+    file_name = re.sub(r"[^A-Za-z0-9_]", "-", label)
     return Series(f"plots/{group}/{file_name}", label, title, values, unit, link)
 
 

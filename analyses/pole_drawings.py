@@ -76,7 +76,7 @@ def draw_chart(
         Name of the input that moves while others are locked; empty for a single input.
     chart
         The ground axis at which the chart touches the sphere: "x", "y" or "z". With "yes"
-        it is the one that is nearest to the pair axes of the ground.
+        or "no" it is the one that is nearest to the pair axes of the ground.
     """
     # Indices of the ground axes that the chart has as x, y and z.
     x, y, z = chart_axes(mechanism, chart)
@@ -109,7 +109,9 @@ def draw_axodes(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
 
     A pole is the axis about which two links turn relative to each other. The path of the
     pole in the axes of the first link is the fixed axode. The path in the axes of the
-    second link is the moving axode. Both axodes are cones that roll on each other.
+    second link is the moving axode. Both axodes are cones that roll on each other if one
+    input moves. With several inputs, the pole is the one while the first input moves alone.
+    If other inputs move too, the cones do not roll on each other.
 
     Parameters
     ----------
@@ -177,9 +179,13 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
     # The construction is only drawn for mechanisms with one input, which have one plan.
     plan = batch.plans[0]
     first_steps = [step for step in plan.steps if _is_axis_of_one_pair(step)]
+    is_single = len(first_steps) == 1
+    known_axes = (
+        "1 axis of a pair is" if is_single else f"{len(first_steps)} axes of pairs are"
+    )
     construction = [
         ConstructionStep(
-            text=f"{len(first_steps)} axes of pairs are known",
+            text=f"{known_axes} known",
             poles=[step.pole for step in first_steps],
             uses_circles=False,
         )
@@ -249,8 +255,8 @@ def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene
         The row of the batch that has the configuration.
     chart
         The page has a gnomonic chart: a projection of the sphere onto a plane. The plane
-        touches the sphere at the ground axis "x", "y" or "z". With "yes" the ground axis is
-        used that is nearest to the pair axes of the ground.
+        touches the sphere at the ground axis "x", "y" or "z". With "yes" or "no" the ground
+        axis is used that is nearest to the pair axes of the ground.
     """
     mechanism = batch.mechanism
     steps = _list_construction_steps(batch)

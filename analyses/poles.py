@@ -42,9 +42,9 @@ from .gnomonic_chart import (
 from .pole_drawings import draw_axodes, draw_chart, draw_construction, short_name
 
 MAX_POLES_SHOWN_FIRST = 6
-"""With more poles than this, only poles relative to the ground and the pole with great
-circles are visible when a drawing is opened. Larger: drawings of large mechanisms are
-crowded."""
+"""With more poles than this, only some poles are visible when a drawing is opened: axes of
+pairs, poles relative to the ground and the pole with great circles. Larger: drawings of
+large mechanisms are crowded."""
 
 
 CHART_MEANINGS = {
@@ -101,7 +101,8 @@ class Poles(AbstractAnalysis):
         Pole whose two great circles are drawn. By default the first one that is not the
         axis of a pair.
     axodes
-        Poles whose axodes are drawn: the cones that roll on each other.
+        Poles whose axodes are drawn: the cones that roll on each other while one input
+        moves. With several inputs, the pole is the one while the first input moves alone.
     chart
         Adds the coordinates of the poles in the gnomonic chart to the table. With ``x``,
         ``y`` or ``z``, the chart touches the sphere at the end of this ground axis. With
@@ -331,7 +332,7 @@ class Poles(AbstractAnalysis):
 
     def _axode_poles(self, mechanism: Mechanism) -> tuple[Pole, ...]:
         """Return the poles whose axodes are drawn."""
-        return tuple(parse_pole(mechanism, text) for text in self.axodes)
+        return tuple(dict.fromkeys(parse_pole(mechanism, text) for text in self.axodes))
 
     def _draws_construction(self, mechanism: Mechanism) -> bool:
         """Return whether the construction of the poles is drawn step by step.
@@ -419,7 +420,7 @@ class Poles(AbstractAnalysis):
 
         The last page shows, at one configuration, how the pole axes follow step by step
         from the axes of the pairs (joints) by intersections of great circles. Only the
-        first block of a long motion has this page.
+        first block of a long motion has this page, if the status of one of its rows is OK.
         """
         pages = []
         for mode, rows in batch.assembly_mode_rows().items():

@@ -187,8 +187,8 @@ class ReactionAnalysis(AbstractAnalysis):
                     "radial",
                     "N",
                     "total force on the bearing perpendicular to the pair axis, "
-                    "caused by the moment of the pair and by the force through the "
-                    "centre",
+                    "caused by the moment of the pair and, if the pair has two "
+                    "bearings, by the force through the centre",
                 ),
                 Column(
                     "axial",
@@ -411,7 +411,8 @@ class BearingLoad:
         causes.
     radial
         (n,) whole force at right angles to the axis (N). A pair transmits a moment and a
-        force through the centre of the sphere, and a bearing supports a part of both.
+        force through the centre of the sphere. Two bearings support both. A single bearing
+        supports the moment, and the centre supports the rest of the radial force.
     axial
         (n,) force along the axis on the second link (N).
     """
@@ -440,8 +441,9 @@ def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]
     """
     bearing_loads = []
     for load in _loads_with_bearings(mechanism):
-        # A pair transmits a moment about the centre and a force through the centre. The
-        # bearings of the pair support both.
+        # A pair transmits a moment about the centre and a force through the centre. Two
+        # bearings support both. A single bearing supports no force across the axis except
+        # the one due to the moment.
         #
         # (n, bearings) size of the force (N) on each bearing due to the moment alone.
         couple_forces = result.couples[load.name]
@@ -550,7 +552,7 @@ def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
     - Row counts (keys ``rows_...``) are added.
     - Of truth values and lists the first one is used, unless it is false or empty.
     - Other numbers are maxima, None if no value is known. The larger one is used.
-    - A mapping of maxima has an entry ``at``: the positions of the maxima by name.
+    - ``pairs`` and ``bearings`` have a record of maxima for each pair (joint) or bearing.
 
     Parameters
     ----------
@@ -559,8 +561,11 @@ def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
     key
         The key of the values.
     """
+    if key in ("pairs", "bearings"):
+        # The keys of these mappings are names from the file, which have no meaning here.
+        return {name: _merge_records(first[name], second[name]) for name in first}
     if isinstance(first, Mapping):
-        return _merge_mappings(first, second)
+        return {name: _merge_summaries(first[name], second[name], name) for name in first}
     if isinstance(first, bool | list):
         return first or second
     is_row_count = key.startswith("rows_")
@@ -571,24 +576,22 @@ def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
     return max(known_values, default=None)
 
 
-def _merge_mappings(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge two mappings from the summaries of two blocks of rows.
+def _merge_records(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge the records of a pair (joint) or bearing from two blocks of rows.
 
-    The values of each key are merged by `_merge_summaries`. The entry ``at``, if it exists,
-    has the position of each maximum. The position must come from the block that has the
-    maximum, from the first block if the maxima are equal.
+    The values of each key are merged by `_merge_summaries`. The entry ``at`` has the
+    position of each maximum. The position must come from the block that has the maximum,
+    from the first block if the maxima differ by rounding only.
     """
     merged = {}
     for name, value in first.items():
         if name != "at":
             merged[name] = _merge_summaries(value, second[name], name)
-    if "at" in first:
-        positions = dict(second["at"])
-        for name, position in first["at"].items():
-            is_maximum_in_first = merged[name] == first[name]
-            if is_maximum_in_first:
-                positions[name] = position
-        merged["at"] = positions
+    positions = dict(second["at"])
+    for name, position in first["at"].items():
+        if first[name] >= merged[name] * (1.0 - EQUAL_MAXIMUM_RATIO):
+            positions[name] = position
+    merged["at"] = positions
     return merged
 
 
@@ -713,7 +716,7 @@ def _describe_maximum(
         record.get("largest_couple_force_N") or 0.0 for record in records.values()
     )
     if values[name] <= ZERO_LOAD_RATIO * largest_couple_force:
-        return [f"{quantity[0].upper()}{quantity[1:]}: 0 in every row"]
+        return [f"{quantity[0].upper()}{quantity[1:]}: 0 in every row in which it is known"]
     location = f"({name})" if are_bearings else f"in pair {name}"
     _sample, _mode, place = records[name]["at"][key]
     return [f"Largest {quantity}: {values[name]:.6g} {unit} {location} at {place}"]

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.polynomial_motions import START_INPUTS, motion_by_polynomial_laws
+from helpers.scene_listener import SceneListener
 from oracles.newton_euler import newton_euler, newton_euler_arguments, with_masses_and_loads
 
 import spherekit as sk
@@ -199,6 +200,38 @@ def test_the_screen_names_the_row_with_the_largest_reaction_of_each_pair():
         sample = round(float(input_deg) / 45.0)  # nine samples over a turn
         assert moments.loc[(pair, sample, int(mode))] == pytest.approx(largest)
     assert pairs == set(moments.index.get_level_values("pair"))
+
+
+@pytest.mark.parametrize("name", ["four_bar", "planetary_bevel", "universal_joint"])
+def test_blocks_report_the_same_row_with_the_largest_reaction(name):
+    """A turn ends where it began, so maxima repeat; the first one is reported."""
+    findings = [
+        sk.run(name, "reactions", samples=9, block=block).summary["analyses"][0]["findings"]
+        for block in (None, 2)
+    ]
+    assert findings[1] == findings[0]
+
+
+def test_a_pair_may_be_named_like_an_entry_of_the_summary(tmp_path):
+    """The entry ``at`` of a record has positions of maxima; ``at`` is also a valid name."""
+    sk.dump(sk.load("four_bar"), tmp_path / "four_bar.toml")
+    text = (tmp_path / "four_bar.toml").read_text(encoding="utf-8")
+    text = text.replace("[pairs.32]", "[pairs.at]").replace('"32"', '"at"')
+    (tmp_path / "renamed.toml").write_text(text, encoding="utf-8")
+    records = []
+    for file in ("four_bar.toml", "renamed.toml"):
+        run = sk.run(tmp_path / file, "reactions", samples=9, block=3)
+        records.append(run.summary["analyses"][0]["findings"]["pairs"])
+    assert records[1]["at"] == records[0]["32"]
+
+
+def test_bearings_on_both_sides_of_the_centre_have_a_curve_each():
+    """The bearings of each pin of the universal joint are at -0.035 m and 0.035 m."""
+    listener = SceneListener()
+    sk.run("universal_joint", "reactions", samples=5, recorder=listener)
+    for scene in listener.scenes:
+        paths = [primitive.path for primitive in scene.primitives]
+        assert len(set(paths)) == len(paths)
 
 
 def test_the_remark_names_the_row_with_the_largest_holding_torque():

@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,15 +16,35 @@ from scipy.spatial.transform import Rotation
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.cli.view import find_recording
+from spherekit.display.rerun.blueprint import MAX_COMPARED_CURVES
 from spherekit.display.rerun.chart_frame import FRAME_HEIGHT, tick_text, ticks
-from spherekit.display.rerun.charts import Chart, grid_values
+from spherekit.display.rerun.charts import (
+    Chart,
+    grid_values,
+    legend_places,
+    legend_texts,
+)
+from spherekit.display.rerun.diagrams import _angle_text, moving_columns
+from spherekit.display.rerun.entities import draw_path, draw_static
 from spherekit.display.rerun.preview import preview
 from spherekit.display.rerun.recorder import RerunRecorder
 from spherekit.display.rerun.screenshot import check_picture, check_version
 from spherekit.errors import OutputError, SolveError
+from spherekit.files.mechanism_reader import loads
 from spherekit.scenes.colours import HEAT_COLOURS, heat_colours
 from spherekit.scenes.plot_layout import choose_plot_range, quantity_scale
-from spherekit.scenes.scene import Axis, Diagram, InputMarks, Series, Trace
+from spherekit.scenes.recording_head import RecordingHead
+from spherekit.scenes.scene import (
+    Axis,
+    Diagram,
+    Graph,
+    InputMarks,
+    Portrait,
+    Scene,
+    Series,
+    Surface,
+    Trace,
+)
 
 
 def recorded(path, name, *args, **options):
@@ -155,6 +176,116 @@ def test_ticks_are_round_numbers():
         assert [tick_text(value, step) for value in values] == expected
 
 
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [(1.0, 1.0001), (1.0, 1.000012), (-1e-5, 1e-5), (1e10, 1.0005e10), (-3e7, 2e7)],
+)
+def test_the_numbers_at_ticks_are_the_values_of_the_ticks(low, high):
+    """The steps 2e-5, 2.5e-6, 5e-6, 1e6 and 1e7 are written with significant digits."""
+    step, values = ticks(low, high, is_degrees=False)
+    shown = [number(tick_text(value, step)) for value in values]
+    assert shown == pytest.approx(values, abs=1e-6 * step, rel=0)
+
+
+@pytest.mark.parametrize("value", [0.3, -40.5, 0.0, 1e300])
+@pytest.mark.parametrize("is_degrees", [False, True])
+def test_an_axis_with_one_value_has_this_value_at_its_tick(value, is_degrees):
+    step, (place,) = ticks(value, value, is_degrees)
+    assert number(tick_text(place, step)) == value
+
+
+def test_an_axis_that_is_almost_as_short_as_the_least_number_has_a_tick():
+    assert len(ticks(0.0, 2.5e-323, is_degrees=False)[1]) == 1
+
+
+def test_legends_show_small_torques_but_no_rounding_errors_of_angles():
+    values = np.array([3e-12, np.nan])
+    torque = Series("t", "t", "t", values, "N m")
+    angle = Series("a", "a", "a", values, "deg")
+    assert legend_texts([torque]) == ["t  3e\u221212", "t  \u2013"]
+    assert legend_texts([angle]) == ["a  0", "a  \u2013"]
+
+
+def test_a_legend_without_names_has_no_places():
+    assert legend_places(100.0, 0).shape == (0, 2)
+
+
+def record_scenes(path, *scenes, name="x"):
+    """Record scenes with three samples, for one mode 0 and other pages; return charts."""
+    inputs = np.radians([0.0, 1.0, 2.0])
+    with RerunRecorder(name, path=path) as recorder:
+        recorder.start(RecordingHead([], inputs, {0: "mode"}))
+        for scene in scenes:
+            recorder.log(scene, np.arange(3), inputs)
+        recorder.finish()
+        return recorder._charts
+
+
+RAMP = np.arange(3.0)
+
+
+def test_a_page_that_has_charts_only_is_shown(tmp_path):
+    curve = Series("b", "b", "b", RAMP)
+    page = Scene("Response", (curve,), source="an analysis")
+    charts = record_scenes(tmp_path / "a.rrd", Scene(0, (curve,)), page)
+    tabs = charts.layout.blueprint().root_container.contents
+    assert [tab.name for tab in tabs] == ["Response", "mode"]
+
+
+@pytest.mark.parametrize("pages", [("P", "P"), ("\u03b1", "\u03b2")])
+@pytest.mark.parametrize("groups", [("a/b", "a b"), ("\u03c9", "\u03b1")])
+def test_titles_that_differ_in_symbols_only_do_not_share_a_chart(tmp_path, groups, pages):
+    """Such titles have the same letters from a to z, of which paths are made."""
+    scenes = [
+        Scene(page, (Series("a", "a", groups[0], RAMP), Series("b", "b", groups[1], RAMP)))
+        for page in pages
+    ]
+    charts = record_scenes(tmp_path / "a.rrd", *scenes).charts
+    assert len(charts) == 2 * len(set(pages))
+    assert all(len(chart.curves) == 1 for chart in charts.values())
+
+
+def test_maps_whose_titles_differ_in_symbols_only_are_drawn(tmp_path):
+    over = (Axis("x", "", RAMP), Axis("y", "", RAMP))
+    curves = tuple(Series(name, name, "g", RAMP) for name in ("\u03b1", "\u03b2"))
+    charts = record_scenes(tmp_path / "a.rrd", Scene("P", curves, over=over)).charts
+    assert len(charts) == 2
+
+
+@pytest.mark.parametrize(("name", "page"), [("charts", 0), ("x", "Charts")])
+def test_inputs_are_marked_whatever_a_mechanism_or_a_page_is_called(tmp_path, name, page):
+    path = tmp_path / "a.rrd"
+    marks = InputMarks("m", "m", np.radians([[1.0]]))
+    record_scenes(path, Scene(page, (Series("a", "a", "a", RAMP), marks)), name=name)
+    entities = {chunk.entity_path for chunk in RrdReader(path).stream()}
+    assert any(entity.endswith("/charts/a/marks/0") for entity in entities)
+
+
+def test_texts_of_a_legend_keep_their_places_if_series_change_their_order(tmp_path):
+    a = Series("a", "a", "g", RAMP)
+    b = Series("b", "b", "g", RAMP)
+    path = tmp_path / "a.rrd"
+    record_scenes(path, Scene(0, (a, b)), Scene(0, (b, a)))
+    legends = read_component(path, "/x/assembly_mode_0/charts/g/legend", "Points2D:labels")
+    assert len(legends) == 6
+    assert all(labels[0].startswith("a ") for labels in legends)
+
+
+def test_a_comparison_drawn_for_a_viewer_is_dropped_if_more_modes_follow(tmp_path):
+    curve = Series("a", "a", "a", RAMP)
+    inputs = np.radians(RAMP)
+    modes = {mode: f"Mode {mode}" for mode in range(MAX_COMPARED_CURVES + 1)}
+    with RerunRecorder("x", path=tmp_path / "a.rrd") as recorder:
+        recorder.start(RecordingHead([], inputs, modes))
+        for mode in modes:
+            recorder.log(Scene(mode, (curve,)), np.arange(3), inputs)
+            if mode == 1:
+                recorder._charts.draw(())
+                assert recorder._charts.layout.comparisons
+        recorder.finish()
+        assert not recorder._charts.layout.comparisons
+
+
 def test_marks_outside_the_range_of_a_chart_are_not_drawn():
     """Of marks at -30 and 45 degrees, a chart from 0 to 90 degrees shows the second."""
     over = (Axis("input", "deg", np.linspace(0.0, 90.0, 7)),)
@@ -223,6 +354,31 @@ def test_solved_poses_are_drawn():
     axis = np.array(mechanism.outputs[0].direction)
     turned = Rotation.from_quat(bodies["link/3"].quaternions).apply(axis)
     assert np.max(np.abs(turned - wanted)) < 1e-9
+
+
+def test_an_axode_that_is_asked_for_twice_is_drawn_once():
+    listener = SceneListener()
+    sk.run("four_bar", "poles:axodes=31+13", recorder=listener, samples=3)
+    paths = []
+    for scene in listener.scenes:
+        if scene.page == 0:
+            paths += [item.path for item in scene.primitives if isinstance(item, Trace)]
+    assert paths == ["axode/P31/fixed", "axode/P31/moving"]
+
+
+@pytest.mark.parametrize(
+    ("name", "first_step"),
+    [
+        ("two_contacts", "0  1 axis of a pair is known"),
+        ("four_bar", "0  4 axes of pairs are known"),
+    ],
+)
+def test_the_construction_counts_its_first_axes(name, first_step):
+    listener = SceneListener()
+    sk.run(name, "poles", recorder=listener, samples=3)
+    (page,) = [scene for scene in listener.scenes if scene.page == "Construction"]
+    (steps,) = [item for item in page.primitives if item.path == "steps"]
+    assert first_step in steps.markdown
 
 
 def test_the_moving_axode_rolls_on_the_fixed_one():
@@ -355,6 +511,30 @@ def test_a_mechanism_that_does_not_close_everywhere_says_where_it_is_shown(tmp_p
     assert not (tmp_path / "b.rrd").exists()
 
 
+def test_a_preview_shows_the_first_input_tried_at_which_any_mode_exists(tmp_path):
+    """Modes 0 to 3 of this mechanism exist near 100 deg, the others already at 70 deg.
+
+    The inputs tried are 60, 70, ..., 140 deg.
+    """
+    mechanism = sk.load("two_contacts")
+    (driven,) = mechanism.inputs
+    wide = replace(driven, start=np.radians(60.0), stop=np.radians(140.0))
+    note = preview(replace(mechanism, inputs=(wide,)), tmp_path / "a.rrd")
+    assert note.endswith("shown at 12 = 70 deg")
+
+
+def test_underscores_around_names_are_no_emphasis_in_texts_of_previews(tmp_path):
+    """Markdown reads `_21_` as 21 in italics. The name of a pair keeps its underscores."""
+    text = FAR.format("0.0", "40.0").replace('"far"', '"_far_"')
+    text = text.replace('"21"', '"_21_"').replace(".21", "._21_")
+    path = tmp_path / "a.rrd"
+    assert "shown at _21_ = 10 deg" in preview(loads(text, "far"), path)
+    (sizes,) = read_component(path, "/far/assembly_mode_0/sizes", "TextDocument:text")
+    assert r"shown at \_21\_ = 10 deg" in sizes[0]
+    (about,) = read_component(path, "/far/notes", "TextDocument:text")
+    assert about[0].startswith("# \\_far\\_\n")
+
+
 def test_a_recording_of_another_version_is_refused(tmp_path):
     """A recording begins with its format and the version of the viewer that reads it."""
     path = tmp_path / "a.rrd"
@@ -432,3 +612,42 @@ def test_a_study_is_refused_with_the_command_that_runs_it(name, capsys):
     message = " ".join(capsys.readouterr().err.split())
     assert "a study cannot be shown before it is run" in message
     assert f"`{shlex.join(['spherekit', 'run', name, '--view'])}`" in message
+
+
+def test_a_diagram_without_points_shows_its_lines():
+    """The line x = 0 is in the middle of a frame from -1 to 1."""
+    diagram = Diagram(
+        "d", "d", "x", "y", (-1.0, 1.0), (-1.0, 1.0),
+        names=[], places=np.zeros((2, 0, 2)), tones=[],
+        lines=np.tile([1.0, 0.0, 0.0], (2, 1, 1)),
+    )  # fmt: skip
+    parts = dict(moving_columns(diagram))
+    strips = [list(column.as_arrow_array()) for column in parts["lines"]]
+    assert [len(rows) for rows in strips] == [2]
+    assert all(len(row) == 1 for row in strips[0])
+
+
+@pytest.mark.parametrize(
+    "primitive",
+    [
+        Graph("g", nodes=[], edges=[], positions=[]),
+        Surface("s", "s", np.zeros((0, 3)), np.zeros((0, 3), int), axes=("a", "b", "c")),
+    ],
+)
+def test_an_empty_graph_or_surface_draws_nothing(primitive):
+    assert list(draw_static(primitive)) == []
+
+
+def test_angles_of_a_diagram_have_no_minus_before_zero():
+    texts = [_angle_text(angle) for angle in (-0.04, -0.0, -0.06, np.nan)]
+    assert texts == ["0.0\u00b0", "0.0\u00b0", "\u22120.1\u00b0", "\u2013"]
+
+
+def test_the_path_of_a_point_of_a_plot_is_broken_at_the_ends_of_the_rows_of_a_grid():
+    """Two rows of three points: two lines, or a single one without a grid."""
+    x, y = np.tile([0.0, 1.0, 2.0], 2), np.repeat([0.0, 1.0], 3)
+    portrait = Portrait("p", "p", x, y, "x", "y", (0.0, 2.0), (0.0, 1.0))
+    for row_length, line_lengths in [(None, [6]), (3, [3, 3])]:
+        [(_, curve)] = draw_path(portrait, portrait.placed(), row_length)
+        strips = curve.strips.as_arrow_array().to_pylist()
+        assert [len(strip) for strip in strips] == line_lengths

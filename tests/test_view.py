@@ -10,9 +10,11 @@ import resource
 import socket
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,14 +34,15 @@ from spherekit.display.figures.collector import Collector
 from spherekit.display.rerun.labels import Names, facing, project
 from spherekit.display.rerun.recorder import RerunRecorder
 from spherekit.display.rerun.screenshot import screenshot
-from spherekit.display.rerun.shapes import path_on_sphere
+from spherekit.display.rerun.shapes import path_on_sphere, vertex_normals
 from spherekit.display.rerun.timelines import input_ticks, input_timeline, ticks_per_degree
-from spherekit.display.rerun.viewer_program import free_ports
+from spherekit.display.rerun.viewer_program import free_ports, recording_at
 from spherekit.errors import OutputError
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.scenes.link_scenes import link_bodies, link_curves
 from spherekit.scenes.recording_head import RecordingHead
 from spherekit.scenes.scene import Arrow, Scene, sample_rows
+from spherekit.storage.file_lock import try_lock
 
 SAMPLES = np.arange(361)
 INPUTS = np.radians(SAMPLES)
@@ -393,6 +396,25 @@ def test_a_path_on_the_sphere_is_divided_at_gaps_and_jumps():
         assert chords.max() < np.radians(3.1)
 
 
+@pytest.mark.parametrize("step", [1.0, 2.5, 44.0, 89.9])
+def test_steps_of_a_path_on_the_sphere_are_at_most_three_degrees(step):
+    """Long steps are divided into equal arcs, and short steps are left as they are."""
+    angle = np.radians(np.arange(0.0, 180.0, step))
+    points = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    (line,) = path_on_sphere(points)
+    arcs = np.degrees(np.arccos(np.vecdot(line[1:], line[:-1])))
+    np.testing.assert_allclose(arcs, step / np.ceil(step / 3.0))
+
+
+@pytest.mark.parametrize("corner", [0, 1, 2])
+def test_normals_of_triangles_with_opposite_orders_of_corners_do_not_cancel(corner):
+    """Two triangles in the plane x = 0 share a corner, at the same place in both."""
+    vertices = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0]], dtype=float)
+    triangles = np.roll([[0, 1, 2], [0, 3, 2]], corner, axis=1)
+    normals = vertex_normals(vertices, triangles)
+    np.testing.assert_allclose(np.abs(normals), np.tile([1.0, 0.0, 0.0], (4, 1)))
+
+
 def test_a_path_of_one_point_or_of_none_has_no_lines():
     assert path_on_sphere(np.tile([0.0, 0.0, 1.0], (5, 1))) == []
     assert path_on_sphere(np.full((3, 3), np.nan)) == []
@@ -414,10 +436,47 @@ def test_a_path_that_cannot_be_written_is_refused(tmp_path):
         (folder, "is a folder"),
         (tmp_path / "none" / "a.rrd", "does not exist"),
         (tmp_path / "a.txt", r"named \*.rrd"),
+        ("", r"named \*.rrd"),
+        ("/", r"named \*.rrd"),
+        # This name fits, but not with the ending of the incomplete file.
+        (tmp_path / f"{'a' * 250}.rrd", "too long; choose a shorter one"),
     ]:
         with pytest.raises(OutputError, match=message), RerunRecorder("x", path=path):
             pass
     assert list(tmp_path.iterdir()) == [folder]
+
+
+@pytest.mark.parametrize("method", ["replace", "unlink"])
+def test_a_recording_is_locked_until_its_file_is_renamed_or_deleted(
+    method, tmp_path, monkeypatch
+):
+    """A recording without rows is deleted after an error, otherwise it is renamed."""
+    path = tmp_path / "a.rrd"
+    original = getattr(Path, method)
+    refusals = []
+
+    def record_meanwhile(part, *args, **options):
+        """Try to begin another recording, then rename or delete the file."""
+        if part == path.with_name("a.rrd.part"):
+            with part.open("ab") as other_run:
+                refusals.append(not try_lock(other_run.fileno()))
+        return original(part, *args, **options)
+
+    monkeypatch.setattr(Path, method, record_meanwhile)
+    with suppress(KeyboardInterrupt), RerunRecorder("x", path=path):
+        if method == "unlink":
+            raise KeyboardInterrupt
+    assert refusals == [True]
+
+
+def test_an_error_does_not_name_a_file_that_was_deleted_during_the_recording(tmp_path):
+    path = tmp_path / "a.rrd"
+    with (
+        pytest.raises(OutputError, match="was deleted or renamed during") as refusal,
+        RerunRecorder("x", path=path),
+    ):
+        (tmp_path / "a.rrd.part").unlink()
+    assert "the whole recording is in" not in str(refusal.value)
 
 
 @pytest.mark.parametrize("room_in_bytes", [0, 400_000])
@@ -472,6 +531,27 @@ def test_a_primitive_with_a_wrong_number_of_rows_is_refused(tmp_path):
 @pytest.mark.slow
 def test_an_address_that_is_no_viewer_address_is_refused(url):
     with pytest.raises(OutputError, match="looks like"), RerunRecorder("x", url=url):
+        pass
+
+
+@pytest.mark.parametrize("url", ["rerunx://{}/proxy", "rerun+http://{}", "RERUN://{}/x"])
+def test_an_address_that_the_viewer_does_not_know_is_refused_even_if_a_viewer_listens(url):
+    port = free_ports(1)[0]
+    address = url.format(f"127.0.0.1:{port}")
+    with (
+        RerunRecorder("x", port=port),
+        pytest.raises(OutputError, match="looks like"),
+        RerunRecorder("y", url=address),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("host", [".", "a" * 64])
+def test_a_host_that_cannot_exist_has_no_viewer(host):
+    with (
+        pytest.raises(OutputError, match="no viewer listens"),
+        RerunRecorder("x", url=f"rerun+http://{host}:9876/proxy"),
+    ):
         pass
 
 
@@ -596,6 +676,38 @@ def test_a_screenshot_shows_the_first_sample_that_closes(tmp_path):
     by_default = take_screenshot(path, tmp_path / "a.png", **options)
     by_sample = take_screenshot(path, tmp_path / "b.png", sample=first_closed, **options)
     assert np.array_equal(by_default, by_sample)
+
+
+@pytest.mark.viewer
+@pytest.mark.parametrize("input_deg", [-1.0, 361.0, np.inf, np.nan])
+def test_a_screenshot_at_an_input_that_is_not_recorded_is_refused(
+    recording, tmp_path, input_deg
+):
+    with pytest.raises(OutputError, match="its inputs: 0 to 360 deg"):
+        take_screenshot(recording, tmp_path / "a.png", input_deg=input_deg)
+
+
+def test_a_screenshot_refuses_wrong_arguments_with_a_reason(recording, tmp_path):
+    with pytest.raises(OutputError, match="not both"):
+        screenshot(recording, tmp_path / "a.png", sample=1, input_deg=1.0)
+    with pytest.raises(OutputError, match="give the name of a file"):
+        screenshot(recording, "")
+
+
+def test_a_recording_with_another_ending_is_refused(recording, tmp_path):
+    path = tmp_path / "recording"
+    path.write_bytes(recording.read_bytes())
+    with pytest.raises(OutputError, match=r"name the recording \*\.rrd"):
+        recording_at(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+def test_a_pipe_is_not_read_as_a_recording(tmp_path):
+    """The pipe has no writer, so that reading from it would never end."""
+    pipe = tmp_path / "a.rrd"
+    os.mkfifo(pipe)
+    with pytest.raises(OutputError, match="is a pipe or a device"):
+        recording_at(pipe)
 
 
 @pytest.mark.viewer

@@ -10,7 +10,10 @@ from spherekit.scenes.scene import Arrow, Primitive
 from spherekit.wording import listing
 
 COVERING_COSINE = np.cos(np.radians(1.0))
-"""Cosine above which two arrows cover each other: each is 0.8 deg thick."""
+"""Cosine above which two arrows cover each other.
+
+The radius of an arrow is 0.8 deg of the sphere, so its thickness is 1.6 deg.
+"""
 
 MAX_NAMES = 4
 """Largest number of names that a label lists; it states how many more there are."""

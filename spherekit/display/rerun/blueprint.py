@@ -15,7 +15,11 @@ from spherekit.scenes import colours
 from spherekit.scenes.scene import Page, Primitive, Scene
 
 PLAY_SECONDS = 12.0
-"""Time in which the viewer plays the whole range."""
+"""Time (s) in which the viewer plays the whole range of a timeline of inputs.
+
+A range with fewer than `PLAY_SECONDS` ticks takes less time. A timeline of times is played
+in real time.
+"""
 
 TRAIL_SAMPLES = 24
 """Number of recent samples that are shown as dots behind a pole."""
@@ -49,6 +53,26 @@ def shows_findings(scene: Scene) -> bool:
 def slug(title: str) -> str:
     """Return a title as a part of a path."""
     return re.sub(r"[^A-Za-z0-9]+", "_", title).strip("_").lower() or "plot"
+
+
+def unique_slug(title: str, slugs: dict[str, str]) -> str:
+    """Return a title as a part of a path that no other title has.
+
+    Parameters
+    ----------
+    title
+        The title.
+    slugs
+        The parts of paths by title so far. The part of a new title is added.
+    """
+    if title not in slugs:
+        name = word = slug(title)
+        number = 1
+        while name in slugs.values():
+            number += 1
+            name = f"{word}_{number}"
+        slugs[title] = name
+    return slugs[title]
 
 
 class Plot(NamedTuple):
@@ -114,6 +138,8 @@ class Layout:
         Titles of the charts that compare modes, by path.
     panels
         Page and view of graphs and texts.
+    page_slugs
+        The parts of paths that stand for pages with a title, by title.
     """
 
     root: str
@@ -129,6 +155,13 @@ class Layout:
     scales: list[tuple[Page, str]] = field(default_factory=list)
     comparisons: dict[str, str] = field(default_factory=dict)
     panels: list[tuple[Page, View]] = field(default_factory=list)
+    page_slugs: dict[str, str] = field(default_factory=dict)
+
+    def add_page(self, page: Page) -> None:
+        """Add a page if it is new and not None, which stands for all pages."""
+        if page is not None:
+            title = f"Assembly mode {page}" if isinstance(page, int) else page
+            self.pages.setdefault(page, title)
 
     def base(self, page: Page) -> str:
         """Return the path of a page."""
@@ -136,7 +169,7 @@ class Layout:
             return self.root
         if isinstance(page, int):
             return f"{self.root}/assembly_mode_{page}"
-        return f"{self.root}/{slug(page)}"
+        return f"{self.root}/{unique_slug(page, self.page_slugs)}"
 
     def path(self, page: Page, primitive: Primitive) -> str:
         """Return the path of a primitive on a page."""
@@ -162,7 +195,7 @@ class Layout:
             pages.append(self._comparison_page())
         window = rrb.Tabs(*pages, active_tab=0) if len(pages) > 1 else pages[0]
         # First and last value of the timeline, in its unit. The two values only determine
-        # the speed of playing.
+        # the speed of playing. The viewer ignores `fps` on a timeline of times.
         first, last = self.span or (0, 360)
         return rrb.Blueprint(
             window,
@@ -184,8 +217,8 @@ class Layout:
         """Return whether a page of the viewer window shows the sphere.
 
         A page of an assembly mode (its number) shows the objects of this mode, and those
-        that belong to all pages (owner None). A page with a title shows only its own
-        objects. The sphere is left out if there is nothing to draw on it.
+        that belong to all pages (owner None). A page with a title has a sphere only if it
+        has objects of its own on the sphere.
         """
         owners = {owner for owner, _ in self.sphere_view_paths}
         has_title = isinstance(page, str)
@@ -267,9 +300,9 @@ class Layout:
         """The range of time in which the trail of a pole axis is shown.
 
         The trail shows the motion of the axis in the last `TRAIL_SAMPLES` samples before
-        the cursor. A recording has two timelines, and the user may switch between them: the
-        number of the sample, and the input or the time. So the range is stated for the two
-        timelines.
+        the cursor. A recording has a timeline of sample numbers. It may have a second
+        timeline, of the input or the time. The user may switch between the timelines, so
+        the range is stated for each.
         """
 
         def boundary(timeline: str, offset: float) -> rr.TimeRangeBoundary:

@@ -65,6 +65,9 @@ TICKS = 5
 TICK_ROUNDING = 1e-9
 """Part of a tick step within which a value counts as a multiple of the step."""
 
+SINGLE_TICK_DIGITS = 6
+"""Significant digits of the number at the only tick of an axis."""
+
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 """Steps between ticks, times a power of ten."""
 
@@ -209,12 +212,12 @@ def ticks(low: float, high: float, is_degrees: bool) -> tuple[float, Floats]:
 
     Returns
     -------
-    The step, and the values of the ticks. An axis of length 0, or with an infinite end,
-    has one tick at its low end.
+    The step, and the values of the ticks. If the length of the axis is 0, below 1e-307 or
+    infinite, the step is 0 and the only tick is at the low end.
     """
     ideal_step = (high - low) / TICKS
-    if not 0.0 < ideal_step < np.inf:
-        return 1.0, np.array([low])
+    if not np.finfo(float).tiny <= ideal_step < np.inf:
+        return 0.0, np.array([low])
     power = 10.0 ** np.floor(np.log10(ideal_step))
     steps = [power * factor for factor in STEPS]
     if is_degrees and ideal_step >= 1.0:
@@ -229,11 +232,19 @@ def ticks(low: float, high: float, is_degrees: bool) -> tuple[float, Floats]:
 
 
 def tick_text(value: float, step: float) -> str:
-    """Return the number at a tick with as many digits as the step between ticks has."""
-    if abs(value) < TICK_ROUNDING * step:
+    """Return the number at a tick, with enough digits to tell it from its neighbours.
+
+    A single tick has the step 0. Its number has `SINGLE_TICK_DIGITS` digits.
+    """
+    if abs(value) <= TICK_ROUNDING * step:
         return "0"
     if not 1e-4 <= step < 1e6:
-        return f"{value:.4g}"
+        significant_digits = SINGLE_TICK_DIGITS
+        if step > 0.0:
+            # Neighbouring ticks differ in the last two digits, as for a step of 2.5e-6.
+            value_power, step_power = np.floor(np.log10([abs(value), step]))
+            significant_digits = max(1, int(value_power - step_power)) + 2
+        return f"{value:.{significant_digits}g}".replace("-", "\u2212")
     digits = max(0, int(np.ceil(-np.log10(step) - TICK_ROUNDING)))
     if abs(round(step * 10**digits) - step * 10**digits) > 1e-6:
         digits += 1  # a step of 2.5 times a power of ten

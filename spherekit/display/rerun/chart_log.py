@@ -9,7 +9,7 @@ from spherekit.display.rerun.blueprint import (
     Plot,
     plane_view,
     shows_findings,
-    slug,
+    unique_slug,
 )
 from spherekit.display.rerun.chart_frame import CHART_BOUNDS
 from spherekit.display.rerun.charts import (
@@ -41,6 +41,8 @@ class Charts:
     marks
         Values of the inputs that are marked in the charts of a page, such as inputs at
         singularities, by the path of the page.
+    chart_slugs
+        The parts of paths that stand for charts, by the titles of the charts.
     """
 
     def __init__(self, layout: Layout, outputs: Outputs) -> None:
@@ -49,6 +51,7 @@ class Charts:
         self.outputs = outputs
         self.charts: dict[str, Chart] = {}
         self.marks: dict[str, list[InputMarks]] = {}
+        self.chart_slugs: dict[str, str] = {}
 
     def add_series(
         self,
@@ -80,14 +83,16 @@ class Charts:
         layout = self.layout
         is_map = len(axes) > 1
         title = f"{series.label}: {series.heading}" if is_map else series.heading
-        chart_path = f"{layout.base(scene.page)}/charts/{slug(title)}"
+        name = unique_slug(title, self.chart_slugs)
+        chart_path = f"{layout.base(scene.page)}/charts/{name}"
         is_new = chart_path not in self.charts
         if is_new:
             self.charts[chart_path] = Chart(title, axes)
+            layout.add_page(scene.page)
             # Pages of assembly modes are numbers. Their curves are shown in a second chart
             # with the curves of all modes.
             is_comparable = isinstance(scene.page, int) and not is_map
-            comparison = f"{layout.root}/compare/{slug(title)}" if is_comparable else ""
+            comparison = f"{layout.root}/compare/{name}" if is_comparable else ""
             view = partial(plane_view, chart_path, title, CHART_BOUNDS)
             # Plots with results of an analysis are placed before plots of the motion.
             has_findings = shows_findings(scene)
@@ -143,7 +148,12 @@ class Charts:
                 legend_path, [(ENTITY_ITSELF, legend_style(positions, tints))]
             )
             # A curve is a list of blocks. The last item is the current block.
-            current_blocks = [chart.curves[path][-1].series for path in series_paths]
+            # Texts are in the order of the chart, like the positions.
+            current_blocks = [
+                blocks[-1].series
+                for path, blocks in chart.curves.items()
+                if path in series_paths
+            ]
             texts = legend_texts(current_blocks)
             # The texts of all rows are one list. Each row has one text for each series.
             legend = rr.Points2D.columns(labels=texts).partition(
@@ -166,8 +176,9 @@ class Charts:
         """
         for chart_path, chart in self.charts.items():
             # The path of a chart is "PAGE/charts/TITLE". All charts of a page show the same
-            # marks: special inputs, such as singular ones.
-            page_path = chart_path.partition("/charts/")[0]
+            # marks: special inputs, such as singular ones. The path of the page may contain
+            # "/charts/" too, since a mechanism or a page may be called "charts".
+            page_path = chart_path.rpartition("/charts/")[0]
             marks = self.marks.get(page_path, ())
             self.outputs.log_static(chart_path, chart.draw(marks), destinations)
 
@@ -179,6 +190,8 @@ class Charts:
         for path, charts in charts_by_comparison.items():
             curve_count = sum(len(chart.curves) for chart in charts)
             if len(charts) < 2 or curve_count > MAX_COMPARED_CURVES:
+                # Live viewers may have a comparison of the first modes, which is dropped.
+                self.layout.comparisons.pop(path, None)
                 continue
             comparison = compare_modes(charts)
             self.layout.comparisons[path] = comparison.title

@@ -252,8 +252,8 @@ class Chart:
     ) -> list[Floats]:
         """Return the lines (points, 2) of a curve, in units of the chart.
 
-        A curve of angles is broken where it jumps by a whole turn, and every curve is cut
-        where it leaves the frame.
+        A curve of angles is broken where it jumps by half a turn or more. Every curve is
+        cut where it leaves the frame through its upper or lower side.
 
         Parameters
         ----------
@@ -281,7 +281,8 @@ class Chart:
             x = x[(x >= 0.0) & (x <= self.width)]
             tint = colours.tone_colour(mark.tone)
             yield f"marks/{number}", draw_lines([*vertical_lines(x)], tint, width=0.9)
-            # Names are written in two rows in turn, so that neighbours do not overlap.
+            # Names of successive kinds of marks are written in two rows in turn, so that
+            # they overlap less.
             y = MIN_LEGEND_LINE * (number % 2 - 0.4)
             names = [(line_x, y, mark.label) for line_x in x]
             are_names_shown = len(x) <= MAX_SHOWN_LABELS
@@ -407,8 +408,9 @@ def legend_texts(legend_series: Sequence[Series]) -> list[str]:
     """Return the texts of a legend: the name of each series with its value in each row.
 
     A row is one sample. While the viewer plays a recording, the legend shows the values of
-    the current row. Values below the `resolution` of a series are rounding errors and are
-    written as 0.
+    the current row. Angles, rates and pure numbers below the `resolution` of a series are
+    rounding errors and are written as 0. Torques and the like may be small, so all their
+    digits count.
 
     Parameters
     ----------
@@ -424,7 +426,9 @@ def legend_texts(legend_series: Sequence[Series]) -> list[str]:
         name = series.label
         if len(name) > MAX_LEGEND_LETTERS:
             name = f"{name[: MAX_LEGEND_LETTERS - 1]}…"
-        numbers = [_number_text(x, series.resolution) for x in series.values.tolist()]
+        # The least scale of a quantity is 0 for torques and the like, and 1 for others.
+        smallest = series.resolution * quantity_scale(nans(0), series.unit)
+        numbers = [_number_text(x, smallest) for x in series.values.tolist()]
         texts_of_series.append([f"{name}  {number}" for number in numbers])
     return [text for row in zip(*texts_of_series, strict=True) for text in row]
 
@@ -433,7 +437,7 @@ def path_axis(axes: Sequence[Axis]) -> Axis:
     """Return one axis for samples on a path of several inputs.
 
     The result is the axis of the first input that moves, or the first axis if no input
-    moves. The label of this axis names the inputs that change with this input.
+    moves. The label of this axis names all other inputs.
     """
     moving_axes = [axis for axis in axes if axis.extent[0] < axis.extent[1]]
     path_input = (moving_axes or axes)[0]
@@ -474,14 +478,14 @@ def grid_values(
 
 def _legend_line_height(count: int) -> float:
     """Return the height of each of `count` lines in a column of the legend."""
-    return min(MAX_LEGEND_LINE, max(MIN_LEGEND_LINE, FRAME_HEIGHT / count))
+    return min(MAX_LEGEND_LINE, max(MIN_LEGEND_LINE, FRAME_HEIGHT / max(count, 1)))
 
 
-def _number_text(value: float, resolution: float) -> str:
-    """Return a value of a legend: a dash for NaN, and 0 below the resolution."""
+def _number_text(value: float, smallest: float) -> str:
+    """Return a value of a legend: a dash for NaN, and 0 for magnitudes below `smallest`."""
     if np.isnan(value):
         return "\u2013"
-    if abs(value) < resolution:
+    if abs(value) < smallest:
         return "0"
     return f"{value:.4g}".replace("-", "\u2212")
 

@@ -1,7 +1,8 @@
 """The destinations of a recording: a file, a server of this process, a running viewer.
 
 rerun itself loses data without an error if the disk is full or the viewer has ended. Here
-every such loss raises an `OutputError`.
+every such loss raises an `OutputError`. If only a viewer is lost and a file remains, the
+loss gives a warning instead.
 """
 
 import errno
@@ -20,7 +21,11 @@ from urllib.parse import urlsplit
 from spherekit.display.rerun.rerun_sdk import rr
 from spherekit.display.rerun.viewer_program import RECORDING_HEADER
 from spherekit.errors import OutputError
-from spherekit.storage.atomic_write import check_file, check_made_by_spherekit
+from spherekit.storage.atomic_write import (
+    check_file,
+    check_made_by_spherekit,
+    output_error,
+)
 from spherekit.storage.file_lock import try_lock
 
 LIVE_TIMEOUT_S = 30.0
@@ -34,6 +39,9 @@ HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 
 
 HTTP2_SETTINGS = b"\x04"
 """The type of the frame with which an HTTP/2 server answers."""
+
+MAX_PORT = 65535
+"""The largest number of a port."""
 
 PIECE_BYTES = 1 << 16
 """Size (bytes) of the pieces in which a recording is copied to its file."""
@@ -69,7 +77,8 @@ class FileOutput:
         """Choose the file; `open` creates it."""
         self.stream = stream
         self.path = path
-        self.part = path.with_name(path.name + ".part")
+        # `with_name` would raise an error for a path without a name, such as "" or "/".
+        self.part = path.parent / (path.name + ".part")
         self._copier: threading.Thread | None = None  # only while the file is open
         self._error: OSError | None = None  # the first error of the copier
 
@@ -93,10 +102,7 @@ class FileOutput:
             self._file = self.part.open("wb", buffering=0)
             self._connect_pipe()
         except OSError as error:
-            raise OutputError(
-                f"cannot write {self.part}: {error.strerror}; choose a folder you may "
-                "write to, on a disk with room"
-            ) from error
+            raise output_error(self.part, "written", error) from error
         self._copier = threading.Thread(target=self._copy, daemon=True)
         self._copier.start()
 
@@ -115,7 +121,9 @@ class FileOutput:
         self._lock = self.part.open("ab", buffering=0)
         if not try_lock(self._lock.fileno()):
             self._lock.close()
-            raise OSError(errno.EAGAIN, "another run is recording there")
+            raise OSError(
+                errno.EAGAIN, "another run is recording there; choose another name"
+            )
 
     def _connect_pipe(self) -> None:
         """Make the pipe through which rerun writes the recording.
@@ -166,15 +174,23 @@ class FileOutput:
         """Write the rest, and rename the part file to ``NAME.rrd``."""
         if self._copier is None:
             return
-        self._finish_copy()
-        self._raise_copy_error()
-        try:
-            self.part.replace(self.path)
-        except OSError as error:
-            raise OutputError(
-                f"cannot replace {self.path}: {error.strerror}; the whole recording is "
-                f"in {self.part}"
-            ) from error
+        # The lock lasts until the file has its final name. Otherwise another run could
+        # empty the complete part file before it is renamed.
+        with self._lock:
+            self._finish_copy()
+            self._raise_copy_error()
+            try:
+                self.part.replace(self.path)
+            except OSError as error:
+                if not self.part.exists():
+                    raise OutputError(
+                        f"{self.part} was deleted or renamed during the recording, so "
+                        f"{self.path} could not be written; record again"
+                    ) from error
+                raise OutputError(
+                    f"cannot replace {self.path}: {error.strerror}; the whole recording is "
+                    f"in {self.part}"
+                ) from error
 
     def close(self, keep: bool) -> str:
         """Close the part file of a recording that ends before it is complete.
@@ -193,21 +209,24 @@ class FileOutput:
         # Without a thread the file was never opened, or it is closed already.
         if self._copier is None:
             return ""
-        self._finish_copy()
-        # An error while writing matters only if the file stays.
-        if keep:
-            self._raise_copy_error()
-            return f"the data recorded until then are in {self.part}"
-        self.part.unlink(missing_ok=True)
+        with self._lock:  # the part file of another run must not be deleted
+            self._finish_copy()
+            # An error while writing matters only if the file stays.
+            if keep:
+                self._raise_copy_error()
+                return f"the data recorded until then are in {self.part}"
+            self.part.unlink(missing_ok=True)
         return ""
 
     def _finish_copy(self) -> None:
-        """End the stream, copy the rest of the pipe to the part file, and close it."""
+        """End the stream, copy the rest of the pipe to the part file, and close it.
+
+        The part file stays locked; the caller ends the lock.
+        """
         self.stream.disconnect()
         if self._copier is not None:
             self._copier.join()
             self._copier = None
-            self._lock.close()
 
     def _raise_copy_error(self) -> None:
         """Raise `OutputError` if the copying thread could not write to the disk.
@@ -215,8 +234,9 @@ class FileOutput:
         After such an error the incomplete file ``NAME.rrd.part`` is removed.
         """
         if self._error is not None:
-            self._finish_copy()
-            self.part.unlink(missing_ok=True)
+            with self._lock:
+                self._finish_copy()
+                self.part.unlink(missing_ok=True)
             raise OutputError(
                 f"{self.path} could not be written completely: {self._error.strerror}; "
                 "free some space or choose another disk. The incomplete file was removed"
@@ -304,21 +324,24 @@ def served(stream: rr.RecordingStream, port: int) -> LiveOutput:
     """
 
     def check(is_start: bool) -> None:
-        """Raise `OutputError` if the server cannot start because its port is not free.
+        """Raise `OutputError` if the server cannot start on its port.
 
         `is_start` is true when the recording begins, and false when the connection is
         checked later.
         """
         if not is_start:
             return  # the server runs in this process, so it is always reachable
-        if port == 0:  # the system would choose a port that viewers do not know
-            raise OutputError("cannot serve on port 0; choose one from 1 to 65535")
+        # For port 0 the system would choose a port that viewers do not know.
+        if not 1 <= port <= MAX_PORT:
+            raise OutputError(
+                f"cannot serve on port {port}; choose one from 1 to {MAX_PORT}"
+            )
         with socket.socket() as probe:
             # With this option, a port that another program has just left counts as free.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 probe.bind(("127.0.0.1", port))
-            except (OSError, OverflowError) as error:
+            except OSError as error:
                 raise OutputError(
                     f"cannot serve on port {port} ({_reason(error)}); choose another port, "
                     "or connect to the viewer that listens there"
@@ -346,11 +369,12 @@ def viewer_at(stream: rr.RecordingStream, url: str) -> LiveOutput:
         before.
         """
         try:
+            rr.GrpcSink(url)  # without a connection, only its address is checked
             parts = urlsplit(url)
             host, port = parts.hostname, parts.port
-        except ValueError:
+        except (ValueError, RuntimeError):
             host, port = None, None
-        if not host or not port or not parts.scheme.startswith("rerun"):
+        if not host or not port:
             raise OutputError(
                 f'"{url}" is not the address of a viewer; such an address looks like '
                 "rerun+http://127.0.0.1:9876/proxy"
@@ -391,7 +415,7 @@ def _speaks_http2(host: str, port: int) -> bool:
             probe.sendall(HTTP2_HELLO)
             frame_header = probe.recv(9)
             return frame_header[3:4] == HTTP2_SETTINGS  # byte 3 is the type of the frame
-    except OSError:
+    except (OSError, UnicodeError):  # the latter if no host can have such a name
         return False
 
 
@@ -429,7 +453,7 @@ class Outputs:
     known_paths
         Paths at which `log_first` has logged something.
     rows
-        Number of rows logged.
+        Number of rows logged, of all entities together.
     """
 
     def __init__(self, destinations: Iterable[Output]) -> None:

@@ -44,9 +44,10 @@ def draw_static(diagram: Diagram) -> Stills:
     """Yield the frame of a diagram, and the appearance of its parts that move.
 
     A diagram shows points and straight lines in a plane, which move from row to row. A row
-    is a sample of a motion, or a step of a construction. Frame, colours and line widths are
-    the same in all rows, and are logged once. The positions and texts of all rows are
-    logged by `moving_columns`.
+    is a sample of a motion, or a step of a construction. The frame, the line widths, and
+    the colours of lines, legend and step are the same in all rows, and are logged once. The
+    positions and texts of all rows, and the colours of points and names, are logged by
+    `moving_columns`.
 
     Each part is an entity (a name in the tree of the viewer rerun). The parts that move are
     ``points``, their ``names``, straight ``lines``, ``leaders`` (thin lines from a point to
@@ -172,7 +173,8 @@ def _visible_colours(diagram: Diagram, is_visible: Bools) -> np.ndarray:
     """Return the colours (visible points of all rows, 3), red, green and blue."""
     # Each point has a `tone`, the number of a colour.
     point_colours = [colours.tone_colour(tone) for tone in diagram.tones]
-    rgb = np.array(point_colours, np.uint8)  # (points, 3)
+    # (points, 3); `reshape` keeps three columns even if there are no points
+    rgb = np.reshape(point_colours, (-1, 3)).astype(np.uint8)
     visible_rgb: np.ndarray = np.broadcast_to(rgb, (*is_visible.shape, 3))[is_visible]
     return visible_rgb
 
@@ -226,7 +228,7 @@ def _angle_text(degrees: float) -> str:
     """Return an angle with one decimal; a dash for NaN."""
     if np.isnan(degrees):
         return "\u2013"
-    return f"{degrees:.1f}\u00b0".replace("-", "\u2212")
+    return f"{degrees:z.1f}\u00b0".replace("-", "\u2212")  # z: no minus before 0.0
 
 
 def clip_lines(diagram: Diagram) -> tuple[Floats, np.ndarray]:

@@ -1,8 +1,8 @@
 """The entities of rerun for each primitive of a scene: static data, and rows that move.
 
-A sample that failed has NaN, and the viewer must show nothing for it. Arrows, points and
-labels get an empty row. The curves of a link are static, so its transform shrinks them to a
-point instead.
+A sample that failed has NaN, and the viewer must show nothing for it. Arrows, their labels,
+and points get an empty row. The curves of a link are static, so its transform shrinks them
+to a point instead. The names of a link are hidden.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -80,7 +80,7 @@ GRAPH_SIZE = (420.0, 220.0)
 """Width and height of the graph of links and pairs."""
 
 CUBE_SIDE = 1.6
-"""Side of the cube that a surface fills if its axes have different ranges."""
+"""Side of the cube that a surface fills; a coordinate that is constant has no extent."""
 
 END_NUMBER_FRACTION = 0.94
 """Place of the numbers at the ends of a surface's axis, as a part of half the edge: 1 is a
@@ -101,7 +101,10 @@ BOX_LINE_WIDTH = 0.8
 screen."""
 
 WORD_DISTANCE = 0.06
-"""Distance of the words of a surface's axis from the edge of the cube."""
+"""Distance of the numbers of a surface's axis from the two faces of the cube at its edge.
+
+The title of the axis is at twice this distance.
+"""
 
 
 def draw_sphere() -> Stills:
@@ -353,9 +356,13 @@ def draw_path(primitive: Primitive, rows: Floats, line_length: int | None) -> St
     Yields
     ------
     A name and the curve, which is logged under this name below the path of the primitive.
-    Nothing is yielded if all rows are NaN, or if a direction does not move.
+    Nothing is yielded if no two successive rows are without NaN, or if a direction moves
+    by less than `shapes.MIN_PATH_STEP_RAD`.
     """
     if isinstance(primitive, Portrait):
+        if line_length is not None:
+            line_starts = np.arange(line_length, len(rows), line_length)
+            rows = np.insert(rows, line_starts, np.nan, axis=0)
         if shapes.split_at_nan(rows):
             yield "curve", portraits.draw_portrait_curve(rows, colours.TONES[1])
         return
@@ -381,15 +388,15 @@ def draw_path(primitive: Primitive, rows: Floats, line_length: int | None) -> St
 def _curves(
     lines: Iterable[Floats], scale: float, colour: colours.Colour, line_width: float
 ) -> rr.LineStrips3D:
-    """Return polylines on the sphere as an object that the viewer rerun draws.
+    """Return polylines as an object that the viewer rerun draws.
 
     Parameters
     ----------
     lines
-        Polylines (n, 3) on the unit sphere.
+        Polylines (n, 3), on the unit sphere or elsewhere.
     scale
-        Distance from the centre at which the polylines are drawn, a little more than 1, so
-        that the sphere does not hide them.
+        Factor of all coordinates. For polylines on the sphere it is a little more than 1,
+        so that the sphere does not hide them.
     colour
         Colour of the polylines.
     line_width
@@ -509,8 +516,8 @@ def _draw_sphere_curves(item: SphereCurves) -> Stills:
             _curves(item.curves, CURVE_SCALE, colour, SPHERE_CURVE_WIDTH),
         )
     if item.marks:
-        # Labels are always visible if no two are equal. Equal labels are visible only while
-        # the pointer is on their mark.
+        # Labels are always visible if no two are equal. Otherwise each label is visible
+        # only while the pointer is on its mark.
         labels = [mark.label for mark in item.marks]
         yield (
             "marks",
@@ -562,6 +569,8 @@ def _draw_surface(surface: Surface) -> Stills:
     once, below the path of the surface in the tree of the viewer rerun. The name
     `ENTITY_ITSELF` stands for the surface itself.
     """
+    if not len(surface.vertices):
+        return
     low = np.min(surface.vertices, axis=0)
     high = np.max(surface.vertices, axis=0)
     scale = CUBE_SIDE / np.where(high > low, high - low, 1.0)
@@ -629,6 +638,8 @@ def _draw_graph(graph: Graph) -> Stills:
     A node is a tuple of name, label and link number. The number decides the colour; a node
     without a number is grey. The coordinates of nodes are from 0 to 1.
     """
+    if not graph.nodes:
+        return
     names, labels, link_numbers = zip(*graph.nodes, strict=True)
     tints = [
         colours.SILVER if number is None else colours.link_colour(number)

@@ -26,7 +26,7 @@ DEFAULT_FOCUS = (0.76, 0.47, 0.44)
 """Direction of view for a mechanism whose axes have no middle."""
 
 STEEP_COSINE = 0.8
-"""Cosine of the angle between focus and z axis above which x is up in place of z."""
+"""Size of the cosine of the angle between focus and z axis above which -x is up, not z."""
 
 PAIR_NAME_RADIUS = 1.09
 LINK_NAME_RADIUS = 1.15
@@ -447,8 +447,9 @@ def _places_around(axis: Floats, pair_axes: Floats) -> Floats:
 def _direction_away(axis: Floats, pair_axes: Floats) -> Floats:
     """Return the direction from the axis of a pair away from the other axes of its link.
 
-    The result is a unit vector (3,) at right angles to the axis. If the other axes lie
-    evenly around this axis, there is no such direction, and an arbitrary one is returned.
+    The result is a unit vector (3,) at right angles to the axis. If there are no other
+    axes, or if they lie evenly around this axis, there is no such direction. Then an
+    arbitrary one is returned.
 
     Parameters
     ----------

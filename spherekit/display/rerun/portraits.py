@@ -22,7 +22,10 @@ from spherekit.scenes.scene import Portrait, Primitive, title_with_unit
 
 
 def with_margin(primitive: Primitive) -> Primitive:
-    """Return a primitive; a portrait gets a margin between its curves and its frame."""
+    """Return a primitive; a portrait gets a margin above and below its curves.
+
+    Portraits with logarithmic axes get no margin.
+    """
     if not isinstance(primitive, Portrait) or primitive.logarithmic:
         return primitive
     low, high = primitive.y_range
@@ -33,10 +36,10 @@ def with_margin(primitive: Primitive) -> Primitive:
 def draw_portrait(portrait: Portrait) -> Stills:
     """Yield the parts of a portrait (a plot of one quantity against another).
 
-    The parts are frame, curves, marks (labelled points) and legend. Marks with equal labels
-    are one kind. Up to `MAX_LEGEND_KINDS` kinds are named in the legend. With more kinds,
-    each mark has its label beside it. Labels of more than `MAX_SHOWN_LABELS` marks are
-    hidden, because they would cover each other.
+    The parts are frame, words at its axes, curves, legend and marks (labelled points).
+    Marks with equal labels are one kind. Up to `MAX_LEGEND_KINDS` kinds are named in the
+    legend. With more kinds, each mark has its label beside it. Labels of more than
+    `MAX_SHOWN_LABELS` marks are hidden, because they would cover each other.
 
     Yields
     ------

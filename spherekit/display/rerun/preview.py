@@ -150,8 +150,8 @@ def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
             "or the sizes"
         )
     # A sample is one value of the inputs. The motion has a row for each mode that exists at
-    # this sample.
-    first_sample = assembled.rows(assembled.sample == assembled.sample[0])
+    # this sample. Modes follow each other, so the least sample may be in any row.
+    first_sample = assembled.rows(assembled.sample == np.min(assembled.sample))
     inputs = ", ".join(
         f"{item.pair} = {np.degrees(angle):.4g} deg"
         for item, angle in zip(mechanism.inputs, first_sample.inputs[0], strict=True)
@@ -239,7 +239,7 @@ def _size_table(motion: Motion, row: int, note: str) -> Text:
         A sentence below the heading; may be empty.
     """
     mechanism = motion.mechanism
-    lines = [f"# {markdown_text(mechanism.name)}", "", note, ""]
+    lines = [f"# {markdown_text(mechanism.name)}", "", markdown_text(note), ""]
     lines += ["| link | arcs between its axes, deg |", "|---|---|"]
     # First table: for each link the arcs (deg) between successive axes of its pairs.
     for link, axes in link_axes(mechanism).items():

@@ -50,6 +50,7 @@ from spherekit.display.rerun.timelines import (
     input_timeline,
 )
 from spherekit.errors import OutputError
+from spherekit.escaping import markdown_text
 from spherekit.geometry.vectors import all_finite
 from spherekit.scenes.plot_layout import choose_map_range
 from spherekit.scenes.recording_head import RecordingHead
@@ -104,8 +105,9 @@ class RerunRecorder:
     """Records scenes (drawings) for the 3D viewer rerun, with one or more destinations.
 
     Use it in a `with` block: call `start` once, then `log` for each block of samples in
-    order. The end of the block finishes the recording. After an exception, the data so far
-    are kept in ``NAME.rrd.part``.
+    order. The end of the block finishes the recording. After an exception, the samples so
+    far are kept in ``NAME.rrd.part``. If there are none, or if the disk was full, no file
+    remains.
 
     Positions and directions are only for display and are stored as float32. Series, the
     numbers that are plotted over the samples, keep all their digits.
@@ -253,7 +255,7 @@ class RerunRecorder:
         # A text explains the recording, unless there is nothing to look at.
         if head.scenes or layout.pages:
             notes = NOTES.format(
-                name=self.name,
+                name=markdown_text(self.name),
                 timeline=timeline_note,
                 # One page compares the assembly modes. Plots with more curves than this are
                 # left out there.
@@ -646,16 +648,14 @@ class RerunRecorder:
             a page, plots with such results come before the other plots.
         """
         layout = self._open_charts.layout
-        if page is not None:
-            title = f"Assembly mode {page}" if isinstance(page, int) else page
-            layout.pages.setdefault(page, title)
+        layout.add_page(page)
         if isinstance(primitive, SPHERE_PRIMITIVES):
             layout.sphere_view_paths.append((page, path))
         match primitive:
             case SphereMap(label=label, unit=unit):
                 low, high = choose_map_range(primitive.shown_values, unit)
-                # Maps on one page share one scale of colours: the scale of the first map.
-                # `log_first` records it and returns True if the page has none yet.
+                # Only the first map on a page gets a scale of colours. `log_first` records
+                # it and returns True if the page has none yet.
                 scale_path = f"{layout.base(page)}/scale"
                 scale = draw_colour_scale(low, high, title_with_unit(label, unit))
                 if self._outputs.log_first(scale_path, scale):

@@ -7,7 +7,7 @@ from spherekit.resources import need_space
 
 need_space(3_000_000_000, "recordings need")
 
-os.environ.setdefault("CI", "true")  # the only switch that keeps its analytics off
+os.environ.setdefault("CI", "true")  # the only variable that turns its analytics off
 os.environ.setdefault("RUST_LOG", "error")
 
 import rerun as rr

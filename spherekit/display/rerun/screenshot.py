@@ -96,15 +96,19 @@ def screenshot(
     view : "all" or "3D"
         The whole window, or only the 3D view of the page in front.
     size : (width, height)
-        Size of the window in points; the picture may have two pixels to a point.
+        Size of the picture in points; the picture may have two pixels to a point.
     front : sequence of str, optional
         Titles of pages and tabs to select before the picture is taken, such as ``Compare``.
 
+    Raises
+    ------
+    OutputError
+        If the recording cannot be shown at this place, or the picture cannot be written.
     """
     recording = recording_at(recording)
     picture = Path(picture)
     if sample is not None and input_deg is not None:
-        raise ValueError("give a sample or an input angle, not both")
+        raise OutputError("give a sample or an input angle, not both")
     check_picture(picture, size)
     check_version(recording)
     # Bars and frames make a view smaller than its window.
@@ -137,11 +141,11 @@ def screenshot(
 
 def check_picture(picture: Path, size: Size) -> None:
     """Raise `OutputError` unless a picture of a size (width, height) can be written."""
+    check_file(picture)  # refuses folders, so the path has a name below
     if picture.suffix.lower() != ".png":
         raise OutputError(
             f"{picture}: pictures are PNG files; name it {picture.with_suffix('.png')}"
         )
-    check_file(picture)
     if not all(MIN_SIDE_PIXELS <= side <= MAX_SIDE_PIXELS for side in size):
         raise OutputError(
             f"{size[0]}x{size[1]} is not a valid size of a picture; its sides can be "
@@ -325,7 +329,7 @@ def _shows_notice(png: bytes, rows: range) -> bool:
 
 
 def _cursor_position(
-    timelines: dict[str, int],
+    timelines: dict[str, tuple[int, int]],
     sample: int | None,
     input_deg: float | None,
     recording: Path,
@@ -335,7 +339,7 @@ def _cursor_position(
     Parameters
     ----------
     timelines
-        The first position on each timeline of the recording, by its name.
+        The first and last position on each timeline of the recording, by its name.
     sample, input_deg
         A sample number or an input (deg). If neither is given, the beginning of the
         recording is chosen, on the timeline of times, of the input or of samples.
@@ -360,6 +364,13 @@ def _cursor_position(
         if not input_timelines:
             raise OutputError(f"{recording} has no input timeline; name a sample")
         name, scale = input_timelines[0]
+        first, last = timelines[name]
+        # NaN and infinity are refused too, which cannot be rounded.
+        if not first - 0.5 <= input_deg * scale <= last + 0.5:
+            raise OutputError(
+                f"{recording} has no input {input_deg:g} deg; its inputs: "
+                f"{first / scale:g} to {last / scale:g} deg"
+            )
         return name, round(input_deg * scale)
     if SAMPLE_TIMELINE not in timelines:
         raise OutputError(f"{recording} has no timeline named {SAMPLE_TIMELINE}")
@@ -372,7 +383,7 @@ def _cursor_position(
         name = input_timelines[0][0]
     else:
         name = SAMPLE_TIMELINE
-    return name, timelines[name]
+    return name, timelines[name][0]
 
 
 def _first_valid_time(
@@ -431,12 +442,12 @@ def _check_sample(recording: Path, sample: int) -> None:
         raise OutputError(f"{recording} has no sample {sample}; its samples: {span}")
 
 
-def _wait_until_loaded(client: ViewerClient, recording: Path) -> dict[str, int]:
-    """Wait until the viewer has loaded a recording, and return the start of its timelines.
+def _wait_until_loaded(client: ViewerClient, recording: Path) -> dict[str, tuple[int, int]]:
+    """Wait until the viewer has loaded a recording, and return the ends of its timelines.
 
     Returns
     -------
-    The first time on each timeline of the recording, by the name of the timeline.
+    The first and last time on each timeline of the recording, by the name of the timeline.
     """
     deadline = time.monotonic() + LOAD_TIMEOUT_S
     while time.monotonic() < deadline:
@@ -447,7 +458,9 @@ def _wait_until_loaded(client: ViewerClient, recording: Path) -> dict[str, int]:
             if loaded.store_id == state.active_recording
         ]
         if active and not state.loading and active[0].timelines:
-            return {line.name: line.start or 0 for line in active[0].timelines}
+            return {
+                line.name: (line.start or 0, line.end or 0) for line in active[0].timelines
+            }
         time.sleep(0.05)
     raise OutputError(
         f"the viewer did not load {recording} within {LOAD_TIMEOUT_S:.0f} s; check it "

@@ -12,7 +12,8 @@ MAX_PATH_STEP_RAD = np.radians(3.0)
 smaller: more points."""
 
 MIN_PATH_STEP_RAD = np.radians(0.2)
-"""Smallest step along a path. Larger: corners are lost; smaller: more points."""
+"""Length of the intervals of a path of which each keeps one sample. Larger: corners are
+lost; smaller: more points."""
 
 CIRCLE_POINTS = 145
 """Number of points of a closed circle."""
@@ -35,8 +36,9 @@ def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
 
     The normal at a vertex is the mean of the normals of the triangles around it, weighted
     by area. Neighbouring triangles may have opposite orders of corners, so that their
-    normals would cancel. A triangle normal that points against the sum of the normals so
-    far is reversed. A vertex without triangles gets (0, 0, 1).
+    normals would cancel. Therefore one triangle at each vertex is the reference. Normals of
+    other triangles are reversed if they point against its normal. A vertex without
+    triangles gets (0, 0, 1).
 
     Parameters
     ----------
@@ -47,10 +49,15 @@ def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
     """
     a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
     triangle_normals = np.cross(b - a, c - a)  # length: twice the area
-    sums = np.zeros_like(vertices)
+    # The normal of one triangle at each vertex; a triangle without area has no normal.
+    references = np.zeros(vertices.shape)
+    has_area = np.any(triangle_normals != 0.0, axis=1)
+    for corner in range(3):
+        references[triangles[has_area, corner]] = triangle_normals[has_area]
+    sums = np.zeros(vertices.shape)
     for corner in range(3):
         vertex = triangles[:, corner]
-        is_opposite = np.vecdot(sums[vertex], triangle_normals) < 0.0
+        is_opposite = np.vecdot(references[vertex], triangle_normals) < 0.0
         signed_normals = np.where(is_opposite[:, None], -triangle_normals, triangle_normals)
         np.add.at(sums, vertex, signed_normals)  # also adds where an index is repeated
     length = np.linalg.norm(sums, axis=1, keepdims=True)
@@ -74,8 +81,8 @@ def graticule() -> list[Floats]:
 def path_on_sphere(directions: Floats, row_length: int | None = None) -> list[Floats]:
     """Return the path of a moving direction on the unit sphere as polylines (n, 3).
 
-    The path is broken at NaN rows, and between successive samples that are more than a
-    right angle apart, since the direction may have jumped. A direction that does not move
+    The path is broken at NaN rows, and between successive samples that are a right angle or
+    more apart, since the direction may have jumped. A direction that does not move
     has no path.
 
     Parameters
@@ -108,22 +115,27 @@ def split_at_nan(points: Floats) -> list[Floats]:
 def _resample(line: Floats) -> Floats:
     """Return a polyline (n, 3) on the unit sphere without too short or too long steps.
 
-    Of points closer together than about `MIN_PATH_STEP_RAD` only one is used, to save
-    space. Then points are added so that no step is longer than `MAX_PATH_STEP_RAD`, where
-    the chord would visibly leave the sphere. A polyline shorter than `MIN_PATH_STEP_RAD`
-    altogether becomes empty.
+    The polyline is divided into intervals of the length `MIN_PATH_STEP_RAD`. To save space,
+    only the first point in each interval and the last point of all are used. Longer steps
+    than `MAX_PATH_STEP_RAD`, whose chords would visibly leave the sphere, are divided into
+    equal arcs. A polyline shorter than `MIN_PATH_STEP_RAD` altogether becomes empty.
     """
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     # Length of the polyline from its beginning to each point.
     length = np.concatenate([[0.0], np.cumsum(steps)])
     if length[-1] < MIN_PATH_STEP_RAD:
         return line[:0]
-    # Divide the length into intervals of `MIN_PATH_STEP_RAD`. Use the first point in each
-    # interval, and the last point of all.
     _, first_points = np.unique(np.floor(length / MIN_PATH_STEP_RAD), return_index=True)
-    used = np.union1d(first_points, len(line) - 1)
-    new_lengths = np.union1d(length[used], np.arange(0.0, length[-1], MAX_PATH_STEP_RAD))
-    components = [np.interp(new_lengths, length[used], column[used]) for column in line.T]
-    return unit_rows(
-        np.stack(components, axis=1)
-    )  # points of chords are moved to the sphere
+    points = line[np.union1d(first_points, len(line) - 1)]
+    chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    arcs = 2.0 * np.arcsin(np.minimum(0.5 * chords, 1.0))
+    counts = np.maximum(np.ceil(arcs / MAX_PATH_STEP_RAD), 1).astype(np.int64)
+    # The new point `part` of `count` on the arc from `points[step]` to the next point.
+    step = np.repeat(np.arange(len(arcs)), counts)
+    part = np.arange(len(step)) - np.repeat(np.cumsum(counts) - counts, counts)
+    angle = arcs[step] * part / counts[step]
+    weights = np.stack([np.sin(arcs[step] - angle), np.sin(angle)], axis=1)
+    # Both weights are zero where the points of a step are equal.
+    weights[arcs[step] == 0.0] = [1.0, 0.0]
+    inner = weights[:, :1] * points[step] + weights[:, 1:] * points[step + 1]
+    return unit_rows(np.concatenate([inner, points[-1:]]))

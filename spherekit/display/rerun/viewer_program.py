@@ -29,11 +29,14 @@ def recording_at(file: AnyPath) -> Path:
     Raises
     ------
     OutputError
-        If there is no such file, or if it does not begin as a recording does.
+        If the file cannot be read, is not named ``*.rrd``, or does not begin as a recording
+        does.
     """
     path = Path(file)
     hint = "make a recording with: spherekit run FILE --save X.rrd"
     try:
+        if path.is_fifo() or path.is_char_device():  # reading could wait for ever
+            raise ValueError("it is a pipe or a device")
         with path.open("rb") as stream:
             start = stream.read(len(RECORDING_HEADER))
     except (OSError, ValueError) as error:
@@ -41,6 +44,11 @@ def recording_at(file: AnyPath) -> Path:
         raise OutputError(f"{path}: cannot be read: {reason}; {hint}") from None
     if start != RECORDING_HEADER:
         raise OutputError(f"{path}: this is not a recording; {hint}")
+    if path.suffix.lower() != ".rrd":
+        raise OutputError(
+            f"{path}: name the recording *.rrd, because the viewer recognises recordings "
+            "by this ending"
+        )
     return path
 
 
