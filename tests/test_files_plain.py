@@ -21,3 +21,13 @@ def test_what_json_gives_back_is_what_was_given():
     assert made["1"] == [1.5, 2.5, None, True]
     assert made["day"] == "datetime.date(2026, 1, 2)"
     assert type(made["arc"]) is float and made["arc"] == 10.0
+
+
+def test_arrays_that_differ_in_any_entry_differ_as_json():
+    """The `repr` of an array omits the last digits, and entries of long arrays."""
+    values = np.linspace(0.0, 1.0, 2000)
+    for row in (0, 1000):
+        changed = values.copy()
+        changed[row] += 1e-12
+        assert as_json({"x": values}) != as_json({"x": changed})
+    assert as_json(values.reshape(2, 1000)) == values.reshape(2, 1000).tolist()

@@ -5,6 +5,7 @@ import errno
 import math
 import os
 import stat
+import sys
 import tomllib
 
 import numpy as np
@@ -30,7 +31,14 @@ from spherekit.mechanism.elements import (
 )
 from spherekit.mechanism.inertia import Mass
 from spherekit.mechanism.load_kinds import JointLimit
-from spherekit.storage.atomic_write import check_file, make_folder, write_text
+from spherekit.storage.atomic_write import (
+    check_file,
+    check_folder,
+    check_made_by_spherekit,
+    make_folder,
+    write_text,
+)
+from spherekit.storage.file_lock import acquire_lock
 
 UNITS = ("deg", "rad")
 USER_DATA = {
@@ -371,6 +379,54 @@ def test_writing_to_a_symbolic_link_replaces_the_file_that_it_points_to(tmp_path
     mask = os.umask(0)
     os.umask(mask)
     assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~mask
+
+
+def test_a_file_with_a_long_name_of_any_letters_is_written(tmp_path):
+    """The name has 252 bytes, which are 84 letters of three bytes; the limit is 255."""
+    path = tmp_path / ("\N{HIRAGANA LETTER A}" * 84)
+    write_text(path, "x")
+    assert path.read_text() == "x"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_checks_refuse_links_to_places_where_nothing_can_be_written(tmp_path):
+    """A check before a computation refuses what cannot be written after it."""
+    to_nothing = tmp_path / "to_nothing"
+    to_nothing.symlink_to(tmp_path / "missing" / "file")
+    to_itself = tmp_path / "to_itself"
+    to_itself.symlink_to(to_itself)
+    for write in (lambda path: write_text(path, "x"), check_file):
+        with pytest.raises(OutputError, match="the folder does not exist"):
+            write(to_nothing)
+    for link in (to_nothing, to_itself):
+        for create in (make_folder, check_folder):
+            with pytest.raises(OutputError, match="is a file, not a folder"):
+                create(link)
+
+
+@pytest.mark.skipif(sys.version_info >= (3, 13), reason="such links are replaced")
+def test_a_link_to_itself_is_refused_as_a_file(tmp_path):
+    link = tmp_path / "link"
+    link.symlink_to(link)
+    for write in (lambda path: write_text(path, "x"), check_file):
+        with pytest.raises(OutputError, match="cannot be written: .*symbolic links"):
+            write(link)
+
+
+@pytest.mark.parametrize("place", ["beginning", "end"])
+def test_the_mark_is_found_at_both_ends_of_a_large_file(tmp_path, place, monkeypatch):
+    """PDF files have the mark at their end."""
+    monkeypatch.setattr("spherekit.storage.atomic_write.MAX_MARK_OFFSET_BYTES", 100)
+    path = tmp_path / "large.pdf"
+    path.write_bytes(b"mark" + bytes(500) if place == "beginning" else bytes(500) + b"mark")
+    check_made_by_spherekit(path, b"mark")
+    with pytest.raises(OutputError, match="no command of spherekit"):
+        check_made_by_spherekit(path, b"another mark")
+
+
+def test_a_lock_that_cannot_be_created_is_refused_with_a_reason(tmp_path):
+    with pytest.raises(OutputError, match="the name is too long"):
+        acquire_lock(tmp_path / ("a" * 300) / "lock")
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")

@@ -1,8 +1,10 @@
 """Archives that were changed: one sentence, or what was written; never a hang."""
 
 import json
+import os
 import shutil
 import signal
+import stat
 import zipfile
 from contextlib import contextmanager
 from io import BytesIO
@@ -375,4 +377,14 @@ def test_a_device_is_refused_as_an_archive(path):
     if not Path(path).exists():
         pytest.skip(f"there is no {path}")
     with time_limit(5), pytest.raises(SpherekitError, match="pipe or a device"):
+        load_reduced(path)
+
+
+def test_a_disk_is_refused_as_an_archive(tmp_path, monkeypatch):
+    """A file looks like a disk (a block device), which only few users may read."""
+    path = tmp_path / "disk"
+    path.write_bytes(b"x")
+    of_disk = os.stat_result((stat.S_IFBLK, *path.stat()[1:]))
+    monkeypatch.setattr(Path, "stat", lambda *_, **__: of_disk)
+    with pytest.raises(SpherekitError, match="pipe or a device"):
         load_reduced(path)

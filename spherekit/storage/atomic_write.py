@@ -14,7 +14,7 @@ SOFTWARE_MARK = "spherekit"
 """Name of the program in pictures, by which its files are recognised."""
 
 MAX_MARK_OFFSET_BYTES = 1 << 24
-"""Length of the beginning of a file in which the mark of spherekit is looked for.
+"""Length of the beginning, and of the end, of a file in which spherekit looks for its mark.
 
 Larger: more time for large files. Smaller: marks in large files are not found, and the
 files are not replaced.
@@ -81,7 +81,10 @@ def check_folder(path: AnyPath) -> None:
     with _raise_output_error(path, "created"):
         # Find the innermost folder of the path that exists.
         folders = (Path(path), *Path(path).parents)
-        existing = next(folder for folder in folders if folder.exists())
+        # A link that leads nowhere counts, since no folder can have its name.
+        existing = next(
+            folder for folder in folders if folder.exists() or folder.is_symlink()
+        )
         # The error number to report if the existing path is a file, not a folder.
         if existing == Path(path):
             error_if_no_folder = errno.EEXIST
@@ -99,8 +102,9 @@ def check_file(path: AnyPath) -> None:
         If the file cannot be created or replaced.
     """
     with _raise_output_error(path, "written"):
-        _check_replaceable(Path(path))
-        folder = Path(path).parent
+        target = _resolve(path)
+        _check_replaceable(target)
+        folder = target.parent
         _check_writable(folder, errno.ENOTDIR if folder.exists() else errno.ENOENT)
 
 
@@ -116,11 +120,25 @@ def _check_writable(folder: Path, error_if_no_folder: int) -> None:
 
 
 def _check_name(path: AnyPath) -> None:
-    """Raise `ValueError` if a path is empty or contains a null character."""
+    """Raise `ValueError` if a path is empty or blank, or contains a null character."""
     if not os.fspath(path).strip():
         raise ValueError("the name is empty; perhaps a shell variable is not set")
     if "\0" in os.fspath(path):
         raise ValueError("the name has a null character; choose another name")
+
+
+def _resolve(path: AnyPath) -> Path:
+    """Return the absolute path of the file to which a path leads, without links.
+
+    Raises
+    ------
+    OSError
+        If a link leads back to itself. Since Python 3.13 such a link is returned instead.
+    """
+    try:
+        return Path(path).resolve()
+    except RuntimeError:
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP)) from None
 
 
 def _check_replaceable(target: Path) -> None:
@@ -134,8 +152,8 @@ def _check_replaceable(target: Path) -> None:
 def check_made_by_spherekit(path: Path, mark: bytes) -> None:
     """Refuse to replace a file that spherekit has not made.
 
-    Files of spherekit contain a mark near their beginning. The function does nothing if the
-    file has the mark, is empty or does not exist.
+    Files of spherekit contain a mark near their beginning, or near their end as PDF files
+    do. The function does nothing if the file has the mark, is empty or does not exist.
 
     Parameters
     ----------
@@ -154,7 +172,10 @@ def check_made_by_spherekit(path: Path, mark: bytes) -> None:
         if path.is_file() and not path.is_symlink():
             with path.open("rb") as stream:
                 data = stream.read(MAX_MARK_OFFSET_BYTES)
-            if not data or mark in data:
+                end = stream.seek(0, os.SEEK_END)
+                stream.seek(max(0, end - MAX_MARK_OFFSET_BYTES))
+                last_data = stream.read(MAX_MARK_OFFSET_BYTES)
+            if not data or mark in data or mark in last_data:
                 return
     # Unlike `exists`, `lexists` is also true for a link to a file that does not exist.
     if os.path.lexists(path):
@@ -208,11 +229,12 @@ def open_for_writing(path: AnyPath) -> Iterator[BinaryIO]:
         If the file cannot be written; an older file is then unchanged.
     """
     with _raise_output_error(path, "written"):
-        target = Path(path).resolve()
+        target = _resolve(path)
         _check_replaceable(target)
         # The name has a random part, so two programs that write the same file have
-        # different hidden files. The name is cut because file systems limit its length.
-        unfinished = target.with_name(f".{target.name[:100]}.{os.urandom(4).hex()}.part")
+        # different hidden files. The name is cut because file systems limit its length to
+        # 255 bytes, and a character has up to four bytes.
+        unfinished = target.with_name(f".{target.name[:50]}.{os.urandom(4).hex()}.part")
         descriptor = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         try:
             with open(descriptor, "wb") as stream:  # noqa: PTH123 (an open descriptor)

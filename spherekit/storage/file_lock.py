@@ -41,15 +41,15 @@ def acquire_lock(path: Path) -> BaseFileLock | str:
         If the file cannot be created, if it is a file of another kind, or if the disk does
         not support locks.
     """
-    if path.is_symlink() or (path.exists() and not _is_lock_file(path)):
-        raise OutputError(
-            f"{str(path)!r} has the name of a lock file of spherekit, but is not one; "
-            "choose another folder, or move it away"
-        )
     # Another program may have the lock for a moment only, so the call waits 0.1 s. Without
     # `fallback_to_soft` the call fails on disks without locks.
     lock = FileLock(path, timeout=0.1, fallback_to_soft=False, on_acquired=_write_owner)
     try:
+        if path.is_symlink() or (path.exists() and not _is_lock_file(path)):
+            raise OutputError(
+                f"{str(path)!r} has the name of a lock file of spherekit, but is not one; "
+                "choose another folder, or move it away"
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire(poll_interval=0.01)
     except Timeout:

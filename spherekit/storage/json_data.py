@@ -4,12 +4,17 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 
 def as_json(value: Any) -> Any:
     """Return a value in the form that it has after it is written to JSON and read again.
 
-    Sets become sorted lists, and objects of other types become their `repr`.
+    Keys become text by `str`, sets become sorted lists, and arrays of NumPy become lists.
+    Objects of other types become their `repr`.
     """
+    if isinstance(value, np.ndarray):
+        value = value.tolist()  # the `repr` of an array omits digits and entries
     if isinstance(value, Mapping):
         return {str(key): as_json(item) for key, item in value.items()}
     if isinstance(value, set | frozenset):

@@ -1,10 +1,10 @@
 """NumPy archives (.npz) with a heading and a checksum.
 
 The heading is text in JSON that says what the arrays are. An archive ends with its own
-SHA-256 sum as hexadecimal digits after a mark. Both are the comment of the zip archive,
-which other programs ignore. A change of any byte, or a program that writes the archive
-anew, invalidates the checksum. Without the checksum, a changed heading could cause any
-amount of work before a fault is noticed.
+SHA-256 sum as hexadecimal digits after a mark. The mark and the sum are the comment of the
+zip archive, which other programs ignore. A change of any byte, or a program that writes the
+archive anew, invalidates the checksum. Without the checksum, a changed heading could cause
+any amount of work before a fault is noticed.
 """
 
 import hashlib
@@ -164,7 +164,7 @@ def read_archive(
 
 
 def _read_file(path: AnyPath, where: str) -> bytes:
-    """Return the bytes of a regular file.
+    """Return the bytes of a file.
 
     Parameters
     ----------
@@ -180,8 +180,8 @@ def _read_file(path: AnyPath, where: str) -> bytes:
     """
     try:
         mode = Path(path).stat().st_mode
-        # Reading a pipe could wait for ever.
-        if stat.S_ISFIFO(mode) or stat.S_ISCHR(mode):
+        # Reading a pipe or a device could wait for ever.
+        if stat.S_ISFIFO(mode) or stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
             raise FileError(f"{where}: is a pipe or a device; give the name of a file")
         return Path(path).read_bytes()
     except OSError as error:
