@@ -1,8 +1,8 @@
 r"""Text of mechanism files, escaped for the language that it is written into.
 
 There is one function for each language. Each returns text that is read as text there: it
-ends no comment, string, element or cell, and starts nothing. Characters that cannot be
-seen, or that change how what follows is displayed, are written as ``[U+202E]``.
+ends no comment, string, element or cell, and starts nothing. `HIDDEN_CHARACTERS`, such as
+those that change how what follows is displayed, are written as ``[U+202E]``.
 
 Names of generated functions and enumerators are not here but in
 `spherekit.exchange.identifiers`.
@@ -16,7 +16,9 @@ from typing import Any
 _CONTROLS = r"\x00-\x1f\x7f-\x9f"
 _SEPARATORS = r"\u2028\u2029"
 _DIRECTIONS = r"\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
-_NO_CHARACTERS = r"\ud800-\udfff\ufdd0-\ufdef\ufeff\ufff9-\ufffb\ufffe\uffff"
+_NO_CHARACTERS = r"\ud800-\udfff\ufdd0-\ufdef\ufeff\ufff9-\ufffb\ufffe\uffff" + "".join(
+    f"\\U{plane:04x}fffe\\U{plane:04x}ffff" for plane in range(1, 17)
+)
 _TAGS = r"\U000e0000-\U000e007f"
 HIDDEN_CHARACTERS = re.compile(
     f"[{_CONTROLS}{_SEPARATORS}{_DIRECTIONS}{_NO_CHARACTERS}{_TAGS}]"
@@ -24,8 +26,9 @@ HIDDEN_CHARACTERS = re.compile(
 """Characters that are not seen as themselves.
 
 Control characters, line and paragraph separators, marks of the writing direction,
-surrogates and code points that are no characters, and the tags of plane 14. Joiners and
-no-break spaces are not among them: scripts and languages need them.
+surrogates and code points that are no characters, and the tags of plane 14. Joiners,
+no-break spaces, spaces without width and soft hyphens are not among them: scripts and
+languages need them.
 """
 
 _TOML = {"\n": "\\n", "\t": "\\t", "\r": "\\r", "\b": "\\b", "\f": "\\f"}
@@ -34,8 +37,12 @@ _LATEX = {
     "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}",
     **{mark: f"\\{mark}" for mark in "{}$&#_%"},
-    # Ligatures and active characters: `` -- << would be printed as other signs.
-    **{mark: f"{mark}{{}}" for mark in "`'-<>\""},
+    # The default fonts of LaTeX have other signs at the places of these three.
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    # Ligatures and active characters: `` -- ?` ,, would be printed as other signs.
+    **{mark: f"{mark}{{}}" for mark in "`'-\"?!,"},
 }
 
 
@@ -64,12 +71,15 @@ def visible(text: str, allowed: str = "\n\t") -> str:
 def one_line(text: str) -> str:
     """Return a text on one line, with its hidden characters visible.
 
-    Line ends, tabs and form feeds become spaces; spaces stay as they are.
+    A run of line ends, tabs and form feeds becomes one space, also with spaces in it or
+    beside it. Other spaces stay as they are.
 
     Names from mechanism files are written into source code and reports. A hidden line end
     could start something there.
     """
-    return visible(re.sub(r" *[\t\n\v\f\r][\t\n\v\f\r ]*", " ", text), allowed="")
+    # A match begins at the first space of a run: long runs then take no quadratic time.
+    run = r"(?<! ) *[\t\n\v\f\r][\t\n\v\f\r ]*"
+    return visible(re.sub(run, " ", text), allowed="")
 
 
 def c_comment(line: str) -> str:
@@ -169,7 +179,7 @@ def toml_comment(line: str) -> str:
 
 
 def latex_text(text: str) -> str:
-    """Return a text as LaTeX prints it."""
+    """Return a text of which LaTeX prints every sign; several spaces are printed as one."""
     return "".join(_LATEX.get(character, character) for character in one_line(text))
 
 
@@ -177,9 +187,10 @@ def markdown_text(text: str) -> str:
     """Return one line for Markdown: no emphasis, link, image, markup or formula in it.
 
     At the beginning of a line any sign may begin a list, a heading, a rule or a comment.
-    Underscores within words, such as those of addresses, have no meaning.
+    Spaces there are removed, since four of them would begin code. Underscores within words,
+    such as those of addresses, have no meaning.
     """
-    line = re.sub(r"[\\`*\[\]<>|~$&]", r"\\\g<0>", one_line(text))
+    line = re.sub(r"[\\`*\[\]<>|~$&]", r"\\\g<0>", one_line(text).lstrip(" "))
     line = re.sub(r"(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])", r"\\_", line)
     line = re.sub(r"^[!-/:-@{}^]", r"\\\g<0>", line)
     return re.sub(r"^(\d+)([.)])", r"\1\\\2", line)

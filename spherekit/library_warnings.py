@@ -20,6 +20,9 @@ def warnings_as_sentences(
 ) -> Iterator[None]:
     """Report each warning that is raised within a `with` block once, as one sentence.
 
+    Warnings that Python's filters ignore, such as most of deprecated functions, are not
+    reported.
+
     Parameters
     ----------
     report
@@ -67,10 +70,17 @@ def warnings_as_sentences(
 
 
 def _name_library(filename: str) -> str:
-    """Return the name of the package that a source file belongs to."""
+    """Return the name of the installed package that a source file belongs to.
+
+    The name is ``a numerical library`` for files of spherekit and for files that are not in
+    a folder ``site-packages``.
+    """
     parts = Path(filename).parts
+    # Warnings of compiled functions are attributed to the line that calls them, which is
+    # often a line of spherekit, installed or not.
     if "site-packages" in parts[:-1]:
         after = parts[len(parts) - parts[::-1].index("site-packages")]
-        return after.removesuffix(".py")
-    # Warnings of compiled functions are attributed to the line that calls them.
+        name = after.removesuffix(".py")
+        if name != __package__:
+            return name
     return "a numerical library"

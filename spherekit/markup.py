@@ -80,5 +80,5 @@ def html_list(title: str, lines: Sequence[str]) -> str:
 
 
 def cell_text(value: Any) -> str:
-    """Return the value of a cell as text; numbers have six digits."""
+    """Return the value of a cell as text; a float has six significant digits."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -63,9 +63,10 @@ def bound_text(bound: float) -> str:
 def degrees_text(angle_rad: float) -> str:
     """Return an angle (rad) as text in degrees, without the unit."""
     degrees = math.degrees(angle_rad)
-    if not math.isfinite(degrees):
+    steps = degrees / LEAST_ANGLE_STEP_DEG
+    if not math.isfinite(steps):  # also if only the division by the step overflows
         return number_text(degrees)
-    return number_text(round(degrees / LEAST_ANGLE_STEP_DEG) * LEAST_ANGLE_STEP_DEG)
+    return number_text(round(steps) * LEAST_ANGLE_STEP_DEG)
 
 
 def degree_range_text(lowest_rad: float, highest_rad: float) -> str:

@@ -14,8 +14,10 @@ import numpy as np
 VECTOR_SIZE = 24
 """Number of elements of the test vectors, and number of rows of the test matrices.
 
-The number exceeds the length of the vector registers of all processors, so a kernel
-computes whole registers as well as a remainder.
+The number exceeds the length of the vector registers of usual processors, which hold at
+most 8 numbers. It is a multiple of 8, so a remainder is computed only by kernels that
+compute more numbers at once, such as 16. The remainder of products is tested with
+matrices that have fewer columns.
 """
 
 

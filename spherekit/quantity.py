@@ -1,7 +1,8 @@
 """Reads numbers that may carry a unit, such as ``35``, ``35deg`` and ``2rad/s``.
 
-The rule is the same for every option of the command and for every text in Python: a number
-without a unit is in the unit of the file, and a number with a unit is in that unit.
+The rule is the same for every option of the command and for every text in Python. A number
+with a unit is in that unit. An angle without a unit is in the unit of the file, or in
+degrees if there is no file. A time without a unit is in s.
 """
 
 import math
@@ -46,7 +47,7 @@ class QuantityError(ValueError):
 
 @dataclass(frozen=True)
 class Dimension:
-    """The kind of a quantity: an angle, a rate of an angle, or a time.
+    """The kind of a quantity: an angle, an angle divided by a power of time, or a time.
 
     Attributes
     ----------
@@ -192,12 +193,12 @@ def angle_unit_and_factor(
     unit
         The unit as the user wrote it, such as ``turn/s``.
     dimension
-        The expected quantity: an angle, or its first or second time derivative.
+        The expected quantity: an angle, or an angle divided by a power of time.
 
     Returns
     -------
     angle_unit
-        "deg" or "rad". The part ``/s`` or ``/s2`` of the unit is left out.
+        "deg" or "rad". The part of the unit for time, such as ``/s2``, is left out.
     factor
         The number of deg or rad in the unit, such as 360 for ``turn/s``.
 
@@ -234,7 +235,7 @@ def read_quantity(
     source
         A number, or a text such as ``35``, ``35deg`` or ``2 rad/s``.
     dimension
-        The kind of the quantity: a time, an angle, or its rate or acceleration.
+        The kind of the quantity: a time, an angle, or an angle divided by a power of time.
     angle_unit
         The unit of angles of the file, in which a number without a unit is read.
     target
@@ -245,7 +246,7 @@ def read_quantity(
 
     Returns
     -------
-    The number in `target`, per s or s^2 for rates. A time is in s.
+    The number in `target`, divided by the power of s of the dimension. A time is in s.
 
     Raises
     ------
@@ -285,11 +286,13 @@ def check_turns(number: float, angle_unit: AngleUnit) -> None:
     turns = abs(number) / turn
     # NaN and infinite numbers pass here; other checks refuse them.
     if MAX_TURNS_WITHOUT_UNIT[angle_unit] < turns < math.inf:
-        hint = "" if angle_unit == "deg" else f"{number:g}deg if it is in degrees, or "
+        # All digits, so that whoever follows the advice gets the angle that was written.
+        digits = f"{number:.15g}"
+        hint = "" if angle_unit == "deg" else f"{digits}deg if it is in degrees, or "
         raise QuantityError(
-            f"found {number:g} without a unit, which is read as {number:g} {angle_unit} "
+            f"found {digits} without a unit, which is read as {digits} {angle_unit} "
             f"(the unit of the file), or {turns:.3g} turns; write {hint}"
-            f"{number:g}{angle_unit} if so many turns are meant"
+            f"{digits}{angle_unit} if so many turns are meant"
         )
 
 

@@ -82,10 +82,11 @@ def _control_group_limits() -> Iterator[int]:
     nothing is yielded.
     """
     try:
-        lines = GROUP_MEMBERSHIP.read_text("utf-8").splitlines()
+        # Names of groups are bytes, as those of files; they need not be UTF-8.
+        lines = os.fsdecode(GROUP_MEMBERSHIP.read_bytes()).split("\n")
     except OSError:
         return
-    for line in lines:
+    for line in filter(None, lines):
         # A line is number:controllers:path. Version 1 lists the controllers of the group
         # (such as memory), version 2 lists none.
         _, controllers, path = line.split(":", 2)

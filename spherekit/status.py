@@ -6,7 +6,8 @@ from enum import IntEnum
 class Status(IntEnum):
     """The outcome of one sample (one input value) of an analysis, or of one of its results.
 
-    OK means that there is a result. All other values are reasons why there is none.
+    OK means that there is a result. All other values are reasons why there is none, or why
+    it must not be relied on: rows with LIFT_OFF or BOUND_EXCEEDED keep their numbers.
     `STATUS_MEANING` has the texts for users, which also say what to do.
     """
 

@@ -167,7 +167,7 @@ reciprocal of the distance in the pair variables. Only rows that `SINGULAR_RATIO
 have rates. Smaller: more of these rows are AT_SINGULARITY.
 """
 
-# ---- Reasons for the end of a path: AT_SINGULARITY, CURVATURE, OFF_PROFILE or MODE_LOST
+# ---- Why a path ends: AT_SINGULARITY, OUT_OF_REACH, CURVATURE, OFF_PROFILE or MODE_LOST
 
 END_AT_SINGULARITY_CONDITION = 1e-3
 """Condition of the last node of a path below which a singularity is the reason of its end.
@@ -181,13 +181,15 @@ MODE_LOST.
 END_AT_EQUAL_CURVATURE = 1e-3
 """Difference of curvatures at the last node below which a path ends because of CURVATURE.
 
-Larger: other failures are called so. Smaller: such ends are reported as MODE_LOST.
+It applies to paths along which inputs move straight to given values. Larger: other
+failures are called so. Smaller: such ends are reported as MODE_LOST.
 """
 
 END_AT_PROFILE_END_RAD = 1e-6
 """Distance (rad) of the last node from the end of an open profile that means OFF_PROFILE.
 
-Larger: other failures are called so. Smaller: such ends are reported as MODE_LOST.
+It applies to paths along which inputs move straight to given values. Larger: other
+failures are called so. Smaller: such ends are reported as MODE_LOST.
 """
 
 # ---- MODE_LOST: whether a configuration is on its assembly mode
@@ -231,10 +233,11 @@ be taken. Smaller: inaccurate rows get the status MODE_LOST.
 # ---- NO_POLE and ILL_CONDITIONED: whether two links have a pole axis
 
 NO_MOTION = 1e-9
-"""Relative rate of two links, over their own rates, below which they have NO_POLE.
+"""Relative rate of two links, over the rate of one of them, below which they have NO_POLE.
 
-Larger: slow relative motions have no axis. Smaller: rounding of equal rates is called
-motion.
+The rate is that of the link with the larger index, or 1 if it is less. Links with a
+usable pole direction keep their pole. Larger: slow relative motions have no axis.
+Smaller: rounding of equal rates is called motion.
 """
 
 USABLE_DIRECTION = 1e-6

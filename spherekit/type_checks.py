@@ -67,13 +67,12 @@ def type_fault(name: str, value: Any, annotation: Any) -> str:
         # `nearest` returns '; did you mean "x"?' if an allowed word is similar.
         hint = nearest(value, allowed_words) or "."
         words = listing(f'"{word}"' for word in allowed_words)
-        return f'{name}: found "{value}"{hint} Allowed: {words}'
+        return f'{name}: found "{_shortened(value)}"{hint} Allowed: {words}'
 
     shown_value = repr(value)
     if len(shown_value) > MAX_SHOWN_CHARACTERS and shown_value.startswith("<"):
         shown_value = "an object"  # part of a text such as "<Mechanism ...>" says little
-    elif len(shown_value) > MAX_SHOWN_CHARACTERS:
-        shown_value = f"{shown_value[: MAX_SHOWN_CHARACTERS - 3]}..."
+    shown_value = _shortened(shown_value)
     allowed = describe_type(annotation)
     if isinstance(value, str | os.PathLike) and "Mechanism" in allowed:
         allowed += "; spherekit.load reads it by its name or path"
@@ -81,6 +80,12 @@ def type_fault(name: str, value: Any, annotation: Any) -> str:
     return (
         f"{name} is {shown_value} ({type(value).__name__}); it has to be {allowed}{hints}"
     )
+
+
+def _shortened(text: str) -> str:
+    """Return a text that is cut, and ends with "...", if it is too long for a message."""
+    is_short = len(text) <= MAX_SHOWN_CHARACTERS
+    return text if is_short else f"{text[: MAX_SHOWN_CHARACTERS - 3]}..."
 
 
 def has_type(value: Any, annotation: Any) -> bool:
@@ -95,7 +100,7 @@ def has_type(value: Any, annotation: Any) -> bool:
     value
         The value.
     annotation
-        A class or a type of `typing`.
+        A class or a type of `typing`, but not `Annotated`.
     """
     if annotation is Any:
         return True
@@ -116,7 +121,9 @@ def has_type(value: Any, annotation: Any) -> bool:
     origin = get_origin(annotation)
     arguments = get_args(annotation)
     if origin is Literal:
-        return any(type(value) is type(choice) and value == choice for choice in arguments)
+        return any(
+            has_type(value, type(choice)) and value == choice for choice in arguments
+        )
     if origin in (Union, UnionType):
         return any(has_type(value, member) for member in union_members(arguments))
     if origin in CONTAINER_TYPES:
@@ -153,7 +160,7 @@ def _is_container(value: Any, origin: Any, item_types: tuple[Any, ...]) -> bool:
     Parameters
     ----------
     value
-        The value. A text is no container here.
+        The value. A text is no container here, nor is an array without dimensions.
     origin
         The type of the container, such as `tuple` or `Mapping`.
     item_types
@@ -161,6 +168,8 @@ def _is_container(value: Any, origin: Any, item_types: tuple[Any, ...]) -> bool:
         the types of keys and of values. For other containers one type.
     """
     if isinstance(value, str | bytes) or not isinstance(value, CONTAINER_TYPES[origin]):
+        return False
+    if isinstance(value, np.ndarray) and value.ndim == 0:
         return False
     if origin is tuple and item_types[1:] != (...,):  # of fixed length
         return len(value) == len(item_types) and all(map(has_type, value, item_types))
@@ -197,7 +206,7 @@ def _argument_hints(annotation: Any) -> list[str]:
 
 @functools.cache
 def _literal_words(annotation: Any) -> list[str]:
-    """Return the texts that a type allows. The list is empty if it allows any text."""
+    """Return the texts that a type allows; the list is empty if it allows any or none."""
     arguments = get_args(annotation)
     if get_origin(annotation) is Literal:
         return [word for word in arguments if isinstance(word, str)]

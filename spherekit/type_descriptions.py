@@ -65,8 +65,8 @@ def _python_sequence(item: str) -> str:
 def _python_alternatives(alternatives: Iterable[str]) -> str:
     """Return words for a union of Python types, such as ``a number, a string or None``.
 
-    Members that are described by several words come last, for clarity. Before the last
-    member there is a comma if it is long: ``None, or a mapping (...)``.
+    Tuples of fixed length and members with long words come last, for clarity. Before the
+    last member there is a comma if it is long: ``None, or a mapping (...)``.
     """
     # `sorted` keeps the order of members of the same kind, and False precedes True.
     *first_words, last_words = sorted(
@@ -79,13 +79,13 @@ def _python_alternatives(alternatives: Iterable[str]) -> str:
 
 
 def _is_long(words: str) -> bool:
-    """Return whether the words for a type also describe the items of a container."""
+    """Return whether the words contain a clause about each item, or describe a mapping."""
     return "each item" in words or "mapping" in words
 
 
 def _python_items(items: Sequence[str]) -> str:
     """Return words for a tuple of fixed length, from the words for each item."""
-    if len(set(items)) == 1 and items[0] in _PLURALS:
+    if len(items) > 1 and len(set(items)) == 1 and items[0] in _PLURALS:
         return f"a tuple of {len(items)} {_PLURALS[items[0]]}"
     return f"a tuple ({', '.join(items)})"
 

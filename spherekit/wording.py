@@ -4,8 +4,8 @@ import difflib
 import re
 from collections.abc import Collection, Iterable, Mapping
 
-_SEPARATE_NUMBER = re.compile(r"(?<![\w.])-?\d[\d.]*(?:e[-+]?\d+)?(?![\w.])")
-"""A number that is not part of a key such as ``links.4.arc``."""
+_SEPARATE_NUMBER = re.compile(r"(?<![\w.])-?\d[\d.]*(?:e[-+]?\d+\.?)?(?![\w.])")
+"""A number that is not part of a key such as ``links.4.arc``, with a full stop after it."""
 
 
 def nearest(word: str, allowed: Iterable[str]) -> str:
@@ -45,7 +45,7 @@ def choices(word: object, allowed: Collection[str], what: str, most: int = 12) -
     what
         A noun for the allowed words, such as ``Pairs``.
     most
-        Number of allowed words that are listed.
+        Largest number of allowed words that are listed.
     """
     # The suggestion begins with a semicolon. Without a suggestion, a full stop comes first.
     suggestion = nearest(str(word), allowed)
@@ -69,7 +69,8 @@ def listing(words: Iterable[object], limit: int = 12) -> str:
 def size_text(count: float) -> str:
     """Return a number of bytes as text, such as ``1.5 GB``."""
     for unit, scale in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
-        if count >= scale:
+        # From 999.5 of the smaller unit on, rounding to three digits gives 1 of this one.
+        if count >= 0.9995 * scale:
             return f"{count / scale:.3g} {unit}"
     return f"{count / 1e3:.3g} kB"
 

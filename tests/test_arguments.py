@@ -18,7 +18,8 @@ import spherekit as sk
 from spherekit.argument_validation import checked, resolved_annotation
 from spherekit.errors import SpherekitError
 from spherekit.mechanism.load import Load
-from spherekit.type_checks import has_type
+from spherekit.type_checks import has_type, type_fault
+from spherekit.type_descriptions import describe_type
 
 PUBLIC_PACKAGES = ("spherekit", "spherekit.display")
 RESULT_CLASSES = (
@@ -260,3 +261,34 @@ def test_checked_functions_accept_numpy_numbers_and_lists_and_refuse_other_types
     misspelt = r'function: there is no argument "cnt"; did you mean'
     with pytest.raises(SpherekitError, match=misspelt):
         function(cnt=3)
+
+
+@pytest.mark.parametrize(
+    "hint", [int | Sequence[int], tuple[int, ...], tuple[int, int], Iterable[int]]
+)
+def test_an_array_without_dimensions_is_no_sequence(hint):
+    fault = type_fault("samples", np.array(5), hint)
+    assert fault.startswith("samples is array(5) (ndarray); it has to be ")
+
+
+@pytest.mark.parametrize(
+    ("value", "hint"),
+    [(np.str_("deg"), Literal["deg", "rad"]), (np.int64(2), Literal[1, 2])],
+)
+def test_texts_and_numbers_of_numpy_are_choices(value, hint):
+    assert has_type(value, hint)
+
+
+@pytest.mark.parametrize("value", [True, np.True_, 1.0, "1", None])
+def test_values_of_another_type_are_no_choices(value):
+    assert not has_type(value, Literal[1, 2])
+
+
+def test_a_long_text_is_shortened_in_the_message_about_a_choice():
+    assert f'found "{57 * "x"}...".' in type_fault("x", 300 * "x", Literal["a", "b"])
+    assert f'found "{60 * "x"}".' in type_fault("x", 60 * "x", Literal["a", "b"])
+
+
+def test_a_tuple_of_one_number_is_described_in_the_singular():
+    assert describe_type(tuple[float]) == "a tuple (a number)"
+    assert describe_type(tuple[float, float]) == "a tuple of 2 numbers"

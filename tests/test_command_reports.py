@@ -9,6 +9,7 @@ import pytest
 
 from spherekit.cli.main import main
 from spherekit.cli.sweep_report import _count_rows
+from spherekit.wording import size_text, without_numbers
 
 SYNTHESIS = Path(__file__).parent.parent / "examples" / "synthesis" / "function.toml"
 SWEEP = ["sweep", "four_bar", "--vary", "links.2.arc=10,20,40", "--samples", "5"]
@@ -137,3 +138,26 @@ def test_the_command_that_a_validation_suggests_reads_the_same_mechanism(tmp_pat
 def test_a_pair_with_two_values_or_laws_is_refused(words, message, capsys):
     assert main(["run", *words, "--samples", "3"]) != 0
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("count", "text"),
+    [
+        (999_400, "999 kB"),
+        (999_500, "1 MB"),
+        (999_999, "1 MB"),
+        (999.6e6, "1 GB"),
+        (999.6e9, "1 TB"),
+        (1.5e9, "1.5 GB"),
+        (12, "0.012 kB"),
+    ],
+)
+def test_sizes_of_memory_have_no_exponent(count, text):
+    assert size_text(count) == text
+
+
+@pytest.mark.parametrize("number", ["3", "-2.5", "1e-05", "1.5e-3", "2e+10"])
+def test_numbers_at_the_end_of_a_sentence_are_left_out(number):
+    assert without_numbers(f"It is {number}.") == "It is "
+    assert without_numbers(f"It is {number}, large") == "It is , large"
+    assert without_numbers(f"links.4.arc: {number}") == "links.4.arc: "

@@ -11,6 +11,7 @@ import json
 import re
 import shutil
 import subprocess
+import time
 import tokenize
 from dataclasses import replace
 from functools import cache
@@ -438,6 +439,41 @@ def test_literals_of_json_html_and_julia_are_read_as_the_same_text(title):
     for backslashes in re.findall(r"(\\*)\$", julia):
         assert len(backslashes) % 2 == 1
     assert ast.literal_eval(julia.replace("\\$", "$")) == text
+
+
+@pytest.mark.parametrize("beginning", ["# ", "- ", "1. ", "code ", "> "])
+@pytest.mark.parametrize("spaces", [" ", "   ", "     ", "\t"])
+def test_markdown_has_no_markup_after_spaces_at_the_beginning(beginning, spaces):
+    parser = pytest.importorskip("markdown_it", reason="it reads Markdown").MarkdownIt()
+    block, inline, _ = parser.parse(escaping.markdown_text(f"{spaces}{beginning}x"))
+    assert block.type == "paragraph_open"
+    assert "".join(token.content for token in inline.children) == f"{beginning}x"
+
+
+def test_code_points_that_are_no_characters_are_written_as_codes():
+    """The last two code points of each of the 17 planes are no characters."""
+    for plane in range(17):
+        for code in (plane * 0x10000 + 0xFFFE, plane * 0x10000 + 0xFFFF):
+            assert escaping.visible(f"a{chr(code)}") == f"a[U+{code:04X}]"
+
+
+def test_long_runs_of_spaces_take_little_time_on_one_line():
+    text = f"a{' ' * 100_000}b"
+    start = time.process_time()
+    assert escaping.one_line(text) == text
+    assert time.process_time() - start < 5.0
+    assert escaping.one_line("a  \n \t b  c \n") == "a b  c "
+
+
+def test_latex_prints_pairs_of_signs_without_ligatures():
+    text = escaping.latex_text("?` !` ,, `` '' -- << >>")
+    for pair in ("?`", "!`", ",,", "``", "''", "--", "<<", ">>"):
+        assert pair not in text
+
+
+def test_latex_prints_signs_that_its_default_fonts_lack_by_commands():
+    """Bare, they would be printed as inverted question marks, dashes and the like."""
+    assert escaping.latex_text("a<b>c|") == r"a\textless{}b\textgreater{}c\textbar{}"
 
 
 def test_latex_prints_every_sign():

@@ -8,6 +8,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.library_warnings import warnings_as_sentences
 from spherekit.runs.summary import with_counts
 
 FILES = Path(__file__).parent / "files"
@@ -122,3 +123,16 @@ def test_a_joint_limit_is_named_where_it_excludes_a_pose(tmp_path, capsys):
     _, text = said(capsys, "run", path, "-a", pose)
     assert "out of reach by joint_limit of m1, -40 deg to 50 deg; nearest is" in text
     assert "a joint limit excludes the pose" in text
+
+
+@pytest.mark.parametrize(
+    ("package", "reporter"), [("spherekit", "a numerical library"), ("numpy", "numpy")]
+)
+def test_warnings_of_compiled_functions_are_not_attributed_to_spherekit(package, reporter):
+    """They name the line that calls the function, also in an installed spherekit."""
+    file = f"/lib/site-packages/{package}/module.py"
+    texts = []
+    with warnings_as_sentences(texts.append, shows_source=False):
+        warnings.warn_explicit("invalid value", RuntimeWarning, file, 1)
+    (text,) = texts
+    assert text.startswith(f"warning: {reporter} reports: invalid value; spherekit did not")

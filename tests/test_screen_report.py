@@ -1,5 +1,6 @@
 """The order and the form of what commands print."""
 
+import math
 from argparse import Namespace
 from pathlib import Path
 
@@ -141,6 +142,11 @@ def test_numbers_below_their_error_are_zero(value, error, text):
 def test_angles_are_rounded_to_what_a_drawing_resolves():
     assert degrees_text(1e-13) == "0"
     assert degrees_text(-1e-13) == "0"
+
+
+def test_every_finite_angle_has_a_text_in_degrees():
+    assert degrees_text(math.radians(5e305)) == "5e+305"
+    assert degrees_text(math.radians(-5e305)) == "-5e+305"
     assert degree_range_text(-0.811, 6.283185307179586) == "-46.4669 to 360"
 
 

@@ -265,3 +265,15 @@ def test_usable_memory_is_the_limit_of_an_enclosing_control_group(
     (folder / limit_file).write_text("max\n")
     (folder.parent / limit_file).write_text("70000\n")
     assert resources.usable_memory() == 70000
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has control groups")
+@pytest.mark.parametrize("name", [b"\xff", "a\x85b".encode()])
+def test_control_groups_with_odd_names_limit_the_memory(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(resources, "GROUP_LIMITS", tmp_path)
+    monkeypatch.setattr(resources, "GROUP_MEMBERSHIP", tmp_path / "cgroup")
+    (tmp_path / "cgroup").write_bytes(b"0::/" + name + b"\n")
+    folder = tmp_path / os.fsdecode(name)
+    folder.mkdir()
+    (folder / "memory.max").write_text("70000\n")
+    assert resources.usable_memory() == 70000
