@@ -13,6 +13,7 @@ from spherekit.plugin import (
     SAMPLE,
     STATUS,
     AbstractAnalysis,
+    AnalysisError,
     Arrow,
     Batch,
     Column,
@@ -101,8 +102,8 @@ class Poles(AbstractAnalysis):
         Pole whose two great circles are drawn. By default the first one that is not the
         axis of a pair.
     axodes
-        Poles whose axodes are drawn: the cones that roll on each other while one input
-        moves. With several inputs, the pole is the one while the first input moves alone.
+        Poles whose axodes are drawn: the cones that roll on each other while the input
+        moves. The mechanism must have one input, or all others must be locked.
     chart
         Adds the coordinates of the poles in the gnomonic chart to the table. With ``x``,
         ``y`` or ``z``, the chart touches the sphere at the end of this ground axis. With
@@ -331,7 +332,22 @@ class Poles(AbstractAnalysis):
         )
 
     def _axode_poles(self, mechanism: Mechanism) -> tuple[Pole, ...]:
-        """Return the poles whose axodes are drawn."""
+        """Return the poles whose axodes are drawn.
+
+        Raises
+        ------
+        AnalysisError
+            If axodes are requested and several inputs move. Each pole of a run belongs to
+            a motion of one input, and not to the motion along the path of all inputs.
+        """
+        if self.axodes and len(mechanism.inputs) > 1:
+            first, *others = mechanism.input_pairs
+            locks = " ".join(f"--lock {pair}=VALUE" for pair in others)
+            raise AnalysisError(
+                f"{mechanism.name}: poles: axodes are drawn for one moving input, but this "
+                f"mechanism has {len(mechanism.inputs)}. Lock all others, such as {locks} "
+                f"for the motion by {first}"
+            )
         return tuple(dict.fromkeys(parse_pole(mechanism, text) for text in self.axodes))
 
     def _draws_construction(self, mechanism: Mechanism) -> bool:

@@ -167,7 +167,7 @@ class ReactionAnalysis(AbstractAnalysis):
                 Column(
                     "load",
                     "",
-                    "name, in the mechanism file, of the load that defines the bearing "
+                    "name of the bearing in the table of loads of the mechanism file "
                     "(kind bearings)",
                     "text",
                 ),

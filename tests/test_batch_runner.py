@@ -188,6 +188,7 @@ def test_signs_of_pole_directions_continue_through_slices_as_without_a_kernel(
     of rows, or one row.
     """
     # The kernel is compiled for any number of rows, if the compiler heyoka is installed.
+    # Otherwise NumPy evaluates the same expressions.
     if available():
         monkeypatch.setattr(batch_runner, "MIN_COMPILED_ROWS", 0)
     recorded_signs = record_continued_signs(monkeypatch)
@@ -197,8 +198,9 @@ def test_signs_of_pole_directions_continue_through_slices_as_without_a_kernel(
         evaluations = evaluate_both_ways(sk.load(name), samples=300)
         differences = find_differences(evaluations)
         assert differences.are_none, differences
-        # The kernel computes most of the rows with status OK. Other rows cannot be
-        # assembled: two modes of `three_rrr` have 20 of the 300 samples only.
+        # `share` is the share of all rows that the kernel computes: most of the rows with
+        # status OK. Other rows cannot be assembled: two modes of `three_rrr` have 20 of the
+        # 300 samples only.
         share_of_kernel = differences.share
         share_of_ok_rows = np.mean(evaluations.reference_motion.status == Status.OK)
         assert share_of_kernel > 0.7 * share_of_ok_rows

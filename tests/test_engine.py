@@ -151,6 +151,9 @@ def expression_values(mechanism, configurations, closed_form, engine):
         ]
         for name in COEFFICIENTS:
             outputs[name, (i, j)] = [terms.quantity(f"{name}_{link_names}")]
+    # Arguments of the expressions. In closed form, the first symbol of a sample is the
+    # angle of the input, and the configuration symbols are the signs. Otherwise the latter
+    # are all pair variables, among them the input.
     if closed_form:
         inputs = [*terms.sample_symbols[:1], *terms.configuration_symbols]
     else:

@@ -475,6 +475,14 @@ def test_the_gnomonic_chart_has_the_poles_of_the_table(pair):
     assert points == pytest.approx(expected, rel=1e-9)
 
 
+def test_axodes_of_several_moving_inputs_are_refused():
+    """Curves that belong to the motion of one input would not roll on each other."""
+    with pytest.raises(AnalysisError, match=r"one moving input.*--lock 51=VALUE"):
+        sk.run("five_bar", "poles:axodes=31", samples=5)
+    locked = sk.lock(sk.load("five_bar"), {"51": 60.0}, angle_unit="deg")
+    sk.run(locked, "poles:axodes=31", samples=5)
+
+
 def run_with_axodes(pair):
     """Run the four-bar, driven at a pair, with the axodes of links 3 and 1."""
     return sk.run(

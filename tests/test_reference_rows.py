@@ -414,7 +414,10 @@ def test_the_reference_of_a_hinge_is_a_rotation_about_its_axis():
 
 
 def test_wrong_arguments_of_reference_rows_are_refused():
-    """Pair 1 is no input, derivatives go to order 3, digits from 20 to 300."""
+    """Rows with many digits (`exact_rows`) refuse wrong inputs, orders, digits and rows.
+
+    The pair with the index 1 is no input. Derivatives go to order 3, digits from 20 to 300.
+    """
     motion = traced("four_bar", 5)
     chosen = np.ones(len(motion), dtype=bool)
     with pytest.raises(SolveError, match="is not an input. Inputs: 21"):
@@ -429,6 +432,9 @@ def test_wrong_arguments_of_reference_rows_are_refused():
             sk.exact_rows(motion, wrong, 0)
     with pytest.raises(SolveError, match=r"inputs: found the shape \(10,\), expected"):
         sk.exact_rows(motion, chosen, 0, inputs=motion.inputs[:, 0])
+    # Where two links are at relative rest, the direction of their pole follows from
+    # derivatives of angular velocities (`dw`), which a result of order 1 does not have.
+    # The array of zeros has the side of each direction and is not used here.
     exact = sk.exact_rows(motion, chosen, 0, order=1)
     assert exact.dw is None
     with pytest.raises(ValueError, match="order 2 or 3"):

@@ -341,8 +341,10 @@ def test_a_mode_that_is_followed_to_another_design_and_back_is_the_same(
     for mode in modes:
         # Followed to the other design, the mode is one of the modes found there.
         assert any(mode.continues_in(other) for other in modes_of_other_design)
-        # The origin of a mode has its configurations (variables, samples) in one design.
-        # `with_origin` follows them to the other design, `track_to` back to the first one.
+        # The origin of a mode is an object with a design and the configurations
+        # (variables, samples) of the mode in this design. `with_origin` follows them to the
+        # other design and returns the mode with an origin there. `track_to` follows them
+        # back to the first design.
         moved_mode = mode.with_origin(other_design)
         returned = moved_mode.origin.track_to(design)
         # Configurations of the other design are NaN at samples where the mode is lost.

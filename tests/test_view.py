@@ -65,8 +65,9 @@ def collect_scenes(arcs):
     first_scene
         The primitives at rest.
     primitives_by_mode
-        Moving primitives of each assembly mode, numbered as in the closed forms. Of the
-        plots only those in `PLOTTED` are included.
+        Moving primitives of each assembly mode. The modes are numbered as in the formulas
+        for four-bars with which the tests compare them. Of the plots only those in
+        `PLOTTED` are included.
     """
     sized_links = {}
     for (name, size), arc in zip(FOUR_BAR.geometry.links.items(), arcs, strict=True):
@@ -79,8 +80,8 @@ def collect_scenes(arcs):
     primitives_by_mode = {0: (), 1: ()}
     for mode in (0, 1):
         for scene in collector.scenes():
-            # The page is the number of the mode in the program, which numbers the two modes
-            # in the opposite order.
+            # Each scene of an assembly mode has the number of the mode as its page. The run
+            # numbers the two modes in the opposite order of the formulas.
             if scene.page == 1 - mode:
                 primitives_by_mode[mode] += tuple(
                     item

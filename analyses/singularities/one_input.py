@@ -563,9 +563,11 @@ class OneInput:
         row_points = np.full((len(curve_of_row), 2), np.nan)
         for number in curve_numbers:
             is_on_curve = curve_of_row == number
-            s = sampled.s[rows][is_on_curve]
+            s = sampled.s[rows][is_on_curve]  # arc lengths along the curve
             points = self._points_on_line(number, output, s)
-            # At the end of a period the curve begins again. A row there stays at the end.
+            # `_points_on_line` shifts all inputs into one period, which begins at the
+            # first drawn point. A row at the end of the period would be shifted to its
+            # beginning. The inputs q of rows in the first period therefore stay unchanged.
             q = self.batch.q[rows][is_on_curve]
             points[:, 0] = np.where(sampled.is_in_first_period(number, q), q, points[:, 0])
             row_points[is_on_curve] = points

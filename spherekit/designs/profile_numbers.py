@@ -161,9 +161,10 @@ class DesignProfiles:
         file has a reference pose (known configuration), the pair variable is the length
         rolled from this pose, and the start is the arc length of the contact point in this
         pose. A design variable that changes one of both profiles then changes the start,
-        too. Without such a pose, the file states the start of a rolling contact, or the
-        angles of two shafts from which the start follows (the key ``phase``). Then all
-        sizes that move these wheels change the start.
+        too. If the contact rolls and the file has no such pose, the file states the start.
+        For two wheels it can state the angles of their shafts instead (the key ``phase``),
+        from which the start follows. Then sizes that move the axes of the wheels change
+        the start, too.
 
         Parameters
         ----------
@@ -374,10 +375,11 @@ class DesignProfiles:
     def _all_profile_numbers(self, values: Floats) -> Floats:
         """Return the numbers that define all contact profiles of a design, in one array.
 
-        A profile is a contact curve. Examples of its numbers are a radius or coefficients.
-        If the file has no reference pose, the points (3 numbers each) of all profiles at
-        their starts follow, in link axes. The start is the arc length at which the variable
-        of a rolling contact is 0.
+        The array is differentiated by comparing designs. A profile is a contact curve.
+        Examples of its numbers are a radius or coefficients. The start of a profile is the
+        arc length at which the variable of a rolling contact is 0. With a reference pose,
+        the derivative of the start follows from those of the profiles. Without one, the
+        array also has the point of each profile at its start (3 numbers, in link axes).
 
         Parameters
         ----------
@@ -427,14 +429,20 @@ def _can_change_profiles(document: Document, variable: DesignVariable) -> bool:
     only if a contact refers to R pairs: by the axes of gears or cones, by the axis of a
     roller, or by the angles of shafts at which wheels mesh (the key ``phase``).
     """
-    # `path[0]` is the table of the file in which the number is.
+    # `path[0]` is the table of the file in which the number is. `ACTIONS` are the tables of
+    # masses and loads.
     table = variable.path[0]
     if table == "outputs" or table in ACTIONS:
         return False
-    return not variable.is_angle or any(
-        not _KEYS_OF_R_PAIRS.isdisjoint(pair) or "axis" in pair.get("follower", {})
-        for pair in document.data["pairs"].values()
-    )
+    # Numbers that are not angles of links, pairs or outputs are numbers of contacts.
+    if not variable.is_angle:
+        return True
+    for pair in document.data["pairs"].values():
+        has_gears_cones_or_phase = not _KEYS_OF_R_PAIRS.isdisjoint(pair)
+        has_roller_about_axis = "axis" in pair.get("follower", {})
+        if has_gears_cones_or_phase or has_roller_about_axis:
+            return True
+    return False
 
 
 @dataclass(frozen=True)

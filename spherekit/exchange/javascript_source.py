@@ -152,7 +152,7 @@ def _write_function(source: FormulaSource, function: SourceFunction) -> str:
 
 
 def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
-    """Yield the text of the function that selects an assembly mode at an input q.
+    """Yield the text of the function that returns the mode values of a mode at an input q.
 
     A mode (way to assemble the mechanism) follows a smooth curve of configurations as q
     changes. The formulas take numbers that select the mode, the mode values. In closed form
@@ -161,7 +161,7 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     curves divide the range of q into intervals. In each interval the mode has other values.
 
     The written function takes the number k of the mode, the input q, and an array. It
-    writes the mode values in the interval of q to the array::
+    writes the mode values of the interval that contains q to the array::
 
         export function fourbar_smooth_mode(k, q, mode = new Float64Array(1)) {
           ...
@@ -169,8 +169,9 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
         }
 
     If the formulas have a closed form, the written function returns the array. Otherwise
-    the written function returns the input of the known configuration, from which steps of
-    Newton's method lead to q. Nothing is yielded if the mode values do not depend on q.
+    its mode values belong to a known configuration at another input of the interval. The
+    written function returns this input, and steps of Newton's method lead from it to q.
+    Nothing is yielded if the mode values do not depend on q.
     """
     if source.smooth_modes is None:
         return

@@ -276,8 +276,8 @@ def _differentiate_fit(
     knot_rates = np.append(0.0, np.cumsum(knot_step_rates))
     moving_knots = add_complex_step(path.knots, knot_rates)
     spline = quintic_panels(moving_knots, moving_points, path.closed)
-    # The function `spline` contains the moving knots. The path object computes nothing from
-    # the knots that it stores, so it gets the real ones.
+    # The function `spline` was made with the moving knots. A `SplinePath` stores knots too,
+    # but computes nothing from them. It gets the knots without complex steps.
     moving_path = SplinePath(spline, path.knots, path.closed)
 
     # The arc lengths s(u, x) at the knots u depend on the design variable x in two ways:

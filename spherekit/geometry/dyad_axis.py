@@ -137,13 +137,16 @@ def _cosine_minus_dot(arc: HalfAngle, sum_square: Any, difference_square: Any) -
 
     Notes
     -----
-    Two formulas give the result. |a - c|^2 / 2 - 2 sin^2(arc / 2) keeps its digits if a and
-    c nearly coincide. 2 cos^2(arc / 2) - |a + c|^2 / 2 keeps its digits if a and c are
-    nearly opposite. Digits matter where the result is near 0, so that the angle between a
-    and c is near the arc. If the arc is a number, a positive cosine of the arc therefore
-    selects the first formula, another one the second. If the arc is an array or an
-    expression, the weighted mean of both formulas is used. Its weights |a + c|^2 and |a -
-    c|^2 add up to 4.
+    Two formulas give the result:
+
+    1. |a - c|^2 / 2 - 2 sin^2(arc / 2), which is accurate if a and c nearly coincide,
+    2. 2 cos^2(arc / 2) - |a + c|^2 / 2, which is accurate if a and c are nearly opposite.
+
+    Digits matter where the result is near 0. There the angle between a and c is nearly the
+    arc, so the first formula is used for arcs below 90 degrees and the second for others.
+    This choice is possible if the arc is a single number. For arrays and symbolic
+    expressions, a weighted mean of both formulas is used. The weights |a + c|^2 and
+    |a - c|^2 make the accurate formula dominate. They add up to 4.
     """
     first = 0.5 * difference_square - 2.0 * (arc.sine * arc.sine)
     second = 2.0 * (arc.cosine * arc.cosine) - 0.5 * sum_square

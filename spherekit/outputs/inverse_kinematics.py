@@ -306,10 +306,13 @@ class InverseKinematics:
         """The signs of all working modes (ways to assemble the links at a pose).
 
         The signs are in the order of `legs`. A dyad (two links) has the sign 1 or -1 for
-        its two positions; a group without a closed form has the sign 0. A bar is a link
-        with an arc that determines the turn of the output about its direction. The sign of
-        the bar is the sign of the derivative, with respect to the turn, of the cosine of
-        the angle between its axes.
+        its two positions. A group without a closed form has the sign 0.
+
+        If only the direction of an output is given, the angle t by which the output link is
+        rotated about this direction is unknown. In some mechanisms, a link with two axes
+        closes a loop and so determines t. This link is called a bar. The sign of its mode
+        is the sign of the derivative dc/dt, where c is the cosine of the angle between the
+        two axes to which the bar is joined.
         """
         choices = [(1, -1) if group.is_dyad else (0,) for group in self._assembly.groups]
         if self._closing_link is not None:
@@ -340,17 +343,16 @@ class InverseKinematics:
             possible while this input is locked.
         near
             (n, 3, 3) approximate orientations of the output link, or one (3, 3) for all
-            poses. If only the direction of the link is given, its rotation about this
-            direction is unknown. In some mechanisms a bar that closes a loop fixes this
-            rotation. Newton's method finds the rotation, starting from `near`. Other
-            mechanisms do not need `near`. A pose whose start is NaN is OUT_OF_REACH.
+            poses. They are needed only for directions, and only if a bar closes a loop (see
+            `modes`). Then Newton's method finds the rotation of the output link about its
+            direction, starting from `near`. A pose whose start is NaN is OUT_OF_REACH.
 
         Raises
         ------
         SolveError
             If the poses are not rotations or directions, `modes` is empty, a mode does not
-            exist, or `near` is missing or has a wrong shape. Also if the mechanism has no
-            closed form; then use `solutions`.
+            exist, or `near` is missing or has a wrong shape. Also if the mechanism has
+            neither dyads only nor a bar. Then use `solutions`.
         """
         if self.dyads is None and self._closing_link is None:
             raise self.no_closed_form(

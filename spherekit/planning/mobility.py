@@ -217,10 +217,11 @@ class PebbleGame:
         into
             The body that remains.
         """
-        # A rigid part has three pebbles that its inner constraints have not taken. These
-        # three are freed and gathered on the remaining body. If a constraint that points
-        # out of the part has one of them, this constraint turns around: it takes a pebble
-        # outside instead. Afterwards no constraint points out of the part.
+        # A rigid part has three pebbles that its inner constraints have not taken. They are
+        # freed and gathered on the remaining body. A constraint that points from the part
+        # to a body outside has taken one of these three pebbles. It gives the pebble back,
+        # takes one outside instead, and then points to the part. So afterwards only inner
+        # constraints start from bodies of the part, and these can be removed.
         self.gather_pebbles(into, BODY_FREEDOMS)
         for body in range(len(self.constraint_targets)):
             if body in part:

@@ -426,9 +426,9 @@ def _find_representative_rows(closure: Closure, sample: Indices) -> Indices:
     """
     # For each row the first row with the same sample (`sample` is sorted).
     first_row = np.searchsorted(sample, sample)
-    # The equations differ only by the orientations of links in their bodies (sets of links
-    # that are rigid relative to each other). These orientations are compared for both links
-    # of all pairs.
+    # The links that have been placed so far form rigid bodies. The equations of the next
+    # group depend on earlier groups only through the orientations of links in these
+    # bodies. These orientations are compared for both links of all pairs.
     assert closure.body_from_links is not None
     first_links, second_links = closure.body_from_links  # (n, pairs, 3, 3) each
     # (n,) largest difference of any number of a row.

@@ -526,8 +526,8 @@ class CertifiedCurves:
             f"{counted(len(self.chains), 'curve')} of {piece_count} pieces with one arc "
             f"each, {self.box_count} boxes{_describe_saddles(self.saddles)}"
         )
-        # If one curve may have been found twice, assembly modes are not counted. The text
-        # begins with this problem.
+        # If one curve may have been found twice, the property `intervals` counts no modes.
+        # The text begins with this problem, which explains why.
         if OVERLAPPING in self.problems:
             facts = f"{OVERLAPPING}; {facts}"
         undecided_ranges = self.undecided_ranges
@@ -552,7 +552,8 @@ class CertifiedCurves:
                 max(*widths, widest_box),
             )
         if self.problems:
-            # `facts` begins with the problem `OVERLAPPING`.
+            # `facts` begins with the problem `OVERLAPPING`. Of all other problems the text
+            # has only the first one, so that it stays short.
             others = [problem for problem in self.problems if problem != OVERLAPPING]
             return Completeness(Guarantee.COMPONENT, "; ".join([*others[:1], facts]))
         return Completeness(Guarantee.CERTIFIED, f"all configurations; {facts}")

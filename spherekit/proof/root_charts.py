@@ -615,8 +615,9 @@ class RootTubes:
     """Tubes about n approximate roots, each with exactly one root for all inputs of a box.
 
     A root is a solution of the equations for k unknown angles, which may be complex. Its
-    coordinate z for an angle is e^(i angle) or the inverse, with a magnitude of at most
-    about 1 at the approximation. So roots at infinity have finite coordinates.
+    coordinate z for an angle is e^(i angle) or its inverse. The one whose magnitude is at
+    most about 1 at the approximation is chosen. So even a root with an infinite e^(i angle)
+    has finite coordinates.
 
     While the inputs q vary over a box with the centre q0, the root z(q) moves. The tube
     surrounds it: the axis of the tube is z0 + rates (q - q0), with the approximate root z0

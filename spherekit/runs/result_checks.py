@@ -206,13 +206,15 @@ def _find_unsuitable_rows(values: Array, kind: str) -> Indices:
             return np.zeros(0, np.intp)
         return np.flatnonzero([not isinstance(text, str) for text in values])
     if type_letter not in "fiub":
-        # An array of another type is refused, even if all its values are numbers.
+        # Arrays of objects are refused. The rows of values that are no numbers are returned
+        # or, if all values are numbers, all rows.
         is_other = [not isinstance(value, int | float) for value in values]
         return np.flatnonzero(is_other if any(is_other) else np.ones(len(values), bool))
     if kind == "number" or type_letter == "b":
         return np.zeros(0, np.intp)
     if type_letter == "f":
-        values = values.astype(np.float64)  # short floats cannot be compared with 2**63
+        # The limits of integers, such as 2**63, are infinite in half precision.
+        values = values.astype(np.float64)
     allowed = VALUE_RANGES[kind]
     # The conversion of other values would change them without an error.
     is_suitable = (values >= allowed.start) & (values < allowed.stop)

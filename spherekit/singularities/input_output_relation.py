@@ -208,8 +208,9 @@ class Relation:
         The links whose relative rate is y': (o, s) in form i, (o, r) in form ii.
     c, d
         (n,) coefficients, at most 1 in size. If the four links are different, both are 0
-        where all axes are in one plane. If only three links are different, both are NaN
-        where all axes are on one line, because these axes have no common plane.
+        where all axes are in one plane. If only three links are different, their three
+        axes are always in one plane, and c and d are sines of angles in it. Both are NaN
+        where all axes are on one line, because the plane is not unique there.
     """
 
     form: Form
