@@ -352,14 +352,17 @@ def _largest_record(records: Iterable[Mapping[str, Any]], key: str) -> Mapping[s
 def merge_largest(
     first: Mapping[str, Any], second: Mapping[str, Any], key: str
 ) -> dict[str, Any]:
-    """Merge records (summary entries) of the largest values of two blocks of rows.
+    """Merge records of the largest values in two blocks of rows.
 
-    For each name the record with the larger value is returned.
+    A record is an entry of a summary: the largest value of one quantity in a block, and
+    further facts such as its place. For each quantity, the record with the larger value is
+    returned. It belongs to the largest value in both blocks together.
 
     Parameters
     ----------
     first, second
-        Records by name, of the two blocks.
+        The records of each block, by the name of the quantity or of the input to which it
+        belongs.
     key
         Key of the value in a record. Absolute values are compared.
     """

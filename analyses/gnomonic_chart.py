@@ -28,8 +28,9 @@ def chart_axes(mechanism: Mechanism, chart: ChartAxis = "yes") -> tuple[int, int
     Opposite points of the sphere therefore have the same place on the chart.
 
     The user can choose a ground axis as x. With "yes" or "no", x is the ground axis nearest
-    to the middle of the pair axes on the ground. The axes y and z follow cyclically, so the
-    system is right-handed.
+    to the middle of the pair axes on the ground. "no" only means that tables have no
+    columns of the chart. It can be drawn all the same, so it needs axes. The axes y and z
+    follow cyclically, so the system is right-handed.
     """
     if chart in ("x", "y", "z"):
         x = "xyz".index(chart)

@@ -435,7 +435,8 @@ class SensitivityAnalysis(AbstractAnalysis):
             gradients[~np.isfinite(gradients) | has_failed] = np.nan
             size_variances = _variances_by_size(gradients, deviations)
             variance = np.sum(size_variances, axis=0)  # (quantities, rows)
-            # A smaller spread is a rounding error, which grows with the deviations.
+            # Up to this standard deviation a quantity counts as independent of the sizes:
+            # its spread is only a rounding error, which grows with the deviations of sizes.
             zero_spread = INDEPENDENT_SPREAD_RATIO * np.max(deviations.size)
             # (sizes, quantities, rows) part of the variance that each size causes.
             shares = _shares_of_variance(size_variances, variance, zero_spread)

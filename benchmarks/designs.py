@@ -239,12 +239,18 @@ def _measure_peers(case: DesignCase, count: int) -> Section:
 
 
 def _mujoco_job(case: DesignCase, count: int) -> Job:
-    """Return a job that makes `count` MuJoCo models and evaluates them at all samples."""
+    """Return a job that makes `count` MuJoCo models and evaluates them at all samples.
+
+    The job is timed beside the evaluation of `count` designs by spherekit. All models have
+    the sizes of the mechanism's file. The XML text of the model is written beforehand.
+    """
     import mujoco
 
     mechanism = sk.load(case.name)
     values = PositionAnalysis(mechanism, samples=2).motion().values[0]
-    text = MujocoModel(mechanism, values, 1e-3).text
+    # The model needs the time step of an integrator, which is not used here.
+    timestep_s = 1e-3
+    text = MujocoModel(mechanism, values, timestep_s).text
 
     def evaluate_models() -> None:
         for _ in range(count):
@@ -258,7 +264,11 @@ def _mujoco_job(case: DesignCase, count: int) -> Job:
 
 
 def _pylinkage_job(case: DesignCase, count: int) -> Job:
-    """Return a job that makes `count` planar four-bars and moves them by all samples."""
+    """Return a job that makes `count` planar four-bars and moves them by all samples.
+
+    The job is timed beside the evaluation of `count` designs by spherekit. All four-bars
+    have the same lengths.
+    """
     from pylinkage import Crank, Ground, Linkage, RRRDyad
 
     def move_linkages() -> None:

@@ -246,7 +246,8 @@ def read_quantity(
 
     Returns
     -------
-    The number in `target`, divided by the power of s of the dimension. A time is in s.
+    The number: a time in s, an angle in `target`, or a rate or acceleration in `target` per
+    s or s2.
 
     Raises
     ------

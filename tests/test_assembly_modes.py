@@ -214,7 +214,8 @@ def test_a_double_root_is_one_mode():
         axes[6:] = weights[:, :1] * axes[3:6] + weights[:, 1:] * common_line
         axes /= np.linalg.norm(axes, axis=1)[:, None]
         solver, assemblies = find_all_configurations(linkage_with_inputs(*PLATFORM, axes))
-        # The method of the only group of links: no configuration can be missing.
+        # The platform and the legs are one group: links whose loops are closed together. So
+        # there is one method. Its doubt is 0 if no configuration can be missing.
         assert assemblies.methods[0].doubt == 0.0
         rotations, _ = rotations_and_gaps(solver, assemblies)
         platform_rotations = rotations[:, 7]  # link 8; links count from 0 in arrays
@@ -285,6 +286,7 @@ def test_a_bar_without_arc_is_searched_and_said_to_be():
     assert "arc" in solve_by_elimination(group, closure).problem
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "words"),
     [

@@ -19,9 +19,21 @@ from spherekit.tables.table import SAMPLE, Table
 @final
 @dataclass(frozen=True, kw_only=True)
 class Reading(MinimalAnalysis):
-    """Analysis for tests: it declares some needs, and calls a function of the batch."""
+    """An analysis by which a test looks at the batches of a run.
+
+    A run is computed in batches (blocks of samples). A batch has only the quantities that
+    an analysis asks for.
+
+    Attributes
+    ----------
+    declared
+        The quantities for which the analysis asks; none by default.
+    read
+        Function that is called with each batch. Its result is not used.
+    """
 
     name: ClassVar = "reading"
+    # Rows do not depend on each other, so a batch need not have all samples.
     rowwise: ClassVar = True
     tables: ClassVar = (Table("reading", "one row per sample", (SAMPLE,)),)
     declared: Needs = field(default_factory=Needs)

@@ -88,6 +88,7 @@ def test_kernel_agrees_with_reference_for_random_mechanisms():
     assert np.mean(shares) > 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 11])
 def test_kernel_agrees_with_reference_for_contacts_of_any_profile(seed):
     """Chains of turning, rolling and sliding pairs, with circles, series and points."""

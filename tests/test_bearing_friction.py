@@ -116,6 +116,7 @@ def moving(name):
     return mechanism.with_inputs(*([item.pair for item in mechanism.inputs] or ["21"]))
 
 
+@pytest.mark.slow
 def test_inverse_dynamics_with_friction_recovers_the_torque_of_a_simulation():
     """Inverse dynamics of a simulated motion returns the torque that drove it.
 

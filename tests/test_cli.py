@@ -92,6 +92,7 @@ def test_a_quiet_run_does_not_print_the_outcome_of_the_proof(capsys, tmp_path, j
     assert err == ""
 
 
+@pytest.mark.slow
 def test_links_without_relative_motion_are_no_failure_of_a_strict_run(capsys):
     summary = sk.run("miura_unit", samples=3).summary
     assert summary["pole_status"]["NO_POLE"] > 0
@@ -161,6 +162,7 @@ def test_errors_are_traced_when_asked_for():
         main(["run", "four_bra", "--traceback"])
 
 
+@pytest.mark.slow
 def test_view_says_what_to_do_without_display(capsys, tmp_path, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)

@@ -97,6 +97,7 @@ def test_a_synthesis_is_refused_in_advance_if_its_file_cannot_be_written(
     assert path.read_bytes() == SYNTHESIS.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_synthesis_with_infinite_figures_prints_the_other_numbers(tmp_path, capsys):
     text = SYNTHESIS.read_text()
     text = text.replace("[figures]", '[figures]\nsteep = "max(1/theta_21)"')

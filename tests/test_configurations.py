@@ -232,6 +232,7 @@ def test_curves_of_wheels_on_fixed_axes_are_all_there():
     assert len(found.curves) == 1 and set(found.counts) <= {1}
 
 
+@pytest.mark.slow
 def test_the_curves_that_leave_a_crossing_are_searched_once(monkeypatch):
     """Curves that leave a crossing of configuration curves are searched only once there.
 
@@ -276,6 +277,7 @@ def test_a_range_that_a_curve_does_not_reach_is_recognised_without_its_arc_lengt
     assert "table" not in vars(unmeasured_curve)
 
 
+@pytest.mark.slow
 def test_no_range_that_a_curve_reaches_is_skipped(monkeypatch):
     """A quick test whether a curve reaches a range of the input skips no piece of it.
 

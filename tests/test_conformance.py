@@ -52,6 +52,7 @@ def failing(subject):
     return [line.name for line in report.failing], report
 
 
+@pytest.mark.slow
 def test_a_sound_analysis_conforms():
     report = conformance(Sound)
     verdicts = {line.name: line.verdict for line in report}
@@ -60,6 +61,7 @@ def test_a_sound_analysis_conforms():
     assert re.search(r"^blocks +holds +of 1 and 4 samples$", str(report), re.M)
 
 
+@pytest.mark.slow
 def test_a_mechanism_that_does_not_close_is_refused_beside_others():
     made = sk.load("four_bar")
     apart = made.with_inputs("41", ranges={"41": (0, 1)}, angle_unit="deg")
@@ -267,6 +269,7 @@ def test_no_mechanism_is_not_called_a_refusal():
         conformance(Sound, mechanisms=[])
 
 
+@pytest.mark.slow
 def test_columns_named_by_links_are_compared_under_other_names():
     """The arc lengths of a contact have the names of its links in their columns."""
 

@@ -98,6 +98,7 @@ def test_random_mechanisms_are_the_same_each_time_and_move(seed):
     assert one.kind == tuple(KINDS)[seed % len(KINDS)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("check", "analysis", "table", "column", "value"),
     [
@@ -118,6 +119,7 @@ def test_a_check_finds_numbers_that_were_changed(
     assert findings(evidence, check)
 
 
+@pytest.mark.slow
 def test_an_empty_table_without_a_word_is_found(evidence_of):
     evidence = evidence_of("four_bar")
     result = evidence.run_analysis("singularities")

@@ -212,6 +212,7 @@ def test_a_reduced_model_moves_as_the_mechanism(four_bar):
         assert reduced.message == ""
 
 
+@pytest.mark.slow
 def test_a_loaded_reduced_model_has_all_loads_and_ends_at_a_joint_limit(tmp_path):
     """A reduced model moves as the loaded mechanism until the crank reaches its limit.
 

@@ -131,6 +131,7 @@ def test_a_stop_beyond_a_singularity_of_type_2_ends_both_engines_alike():
     assert ends[0].events[-1].inputs == pytest.approx(ends[1].events[-1].inputs, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_inverse_dynamics_of_a_planned_rotation_drives_the_same_motion():
     """The torques that inverse dynamics finds for a planned motion drive this motion.
 

@@ -136,6 +136,7 @@ def check_rates_against_null_space(mechanism, samples=9):
     return compared_rows
 
 
+@pytest.mark.slow
 def test_run_prints_ok_for_every_assembly_mode_of_the_folded_sheet(capsys, tmp_path):
     """A single order of elimination is singular in modes 1 and 4 at all samples."""
     assert main(["run", str(MIURA), "--samples", "17", "-o", str(tmp_path)]) == 0
@@ -353,6 +354,7 @@ def test_singular_configurations_do_not_change_the_orders_of_regular_ones(positi
         assert np.all(sizes <= MAX_AMPLIFICATION * least_sizes)
 
 
+@pytest.mark.slow
 def test_singular_configurations_alone_share_one_order():
     """All axes in one plane make every Jacobian singular: its z components are zero."""
     jacobians, passive_variables = miura_jacobians()

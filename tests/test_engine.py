@@ -406,6 +406,7 @@ def rocker():
     return load_free_four_bar(60.0, 55.0, 70.0, 40.0)
 
 
+@pytest.mark.slow
 @needs_heyoka
 def test_a_rocker_swings_over_its_dead_centre_1000_times():
     """A simulation of 400 s of swinging has exact dead centres and constant energy.

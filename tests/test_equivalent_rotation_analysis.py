@@ -202,6 +202,7 @@ def test_modes_of_the_start_are_listed_and_chosen():
     assert inputs[0] == pytest.approx([113.7956, 100.7573], abs=5.1e-5)  # docs, Fig. 5
 
 
+@pytest.mark.slow
 def test_a_pose_can_be_given_in_five_ways():
     """A rotation is the same whichever of five descriptions of its ends is used.
 

@@ -31,6 +31,7 @@ def test_a_deviation_between_the_rows_makes_a_rotation_infeasible(rows):
     assert "deviates by up to" in "; ".join(result.summary["warnings"])
 
 
+@pytest.mark.slow
 def test_ranges_of_inputs_do_not_depend_on_the_rows():
     ranges = []
     for rows in ("samples=91", "theta=13"):
@@ -50,6 +51,7 @@ def test_the_angle_of_the_message_is_accepted():
     assert theta == pytest.approx(findings(result)["angle_rad"], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_mid_planes_of_start_and_end_do_not_depend_on_the_order_of_angles():
     circles = []
     for angles in ("0+13+40", "40+0+13"):
@@ -61,6 +63,7 @@ def test_mid_planes_of_start_and_end_do_not_depend_on_the_order_of_angles():
     assert np.array(circles[0]) == pytest.approx(np.array(circles[1]), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_rows_beyond_a_singular_end_count_as_failed(monkeypatch):
     follow = PoseFinder.rotation
 

@@ -341,6 +341,7 @@ def test_sizes_of_results_that_are_zero_but_for_rounding_are_idle(name, key):
     assert idle_arguments([file_formulas]) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "pair"),
     [("four_bar", "21"), ("double_butterfly", "C"), ("shaped_cam", "follower_pivot")],

@@ -219,6 +219,7 @@ PARTLY_OUT_OF_REACH = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.slow
 @PARTLY_OUT_OF_REACH
 def test_rows_of_relations_have_the_status_of_their_configuration(name, samples):
     """Statuses of two tables, whose rows are in different orders, are matched.

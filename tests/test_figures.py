@@ -103,6 +103,7 @@ def test_curves_of_velocity_coefficients_are_columns_of_the_table(four_bar):
     assert four_bar.plot("acceleration coefficients").get_supylabel().endswith("1/rad")
 
 
+@pytest.mark.slow
 def test_angles_are_in_radians_where_asked(four_bar):
     figure = four_bar.plot("output 4/1 against the input", degrees=False)
     (panel,) = figure.axes
@@ -111,6 +112,7 @@ def test_angles_are_in_radians_where_asked(four_bar):
         assert np.nanmax(points[:, 0]) == pytest.approx(2.0 * np.pi)
 
 
+@pytest.mark.slow
 def test_a_mode_has_one_colour_in_all_figures(four_bar):
     """Each assembly mode (way to assemble the links) has the same colour everywhere.
 
@@ -629,6 +631,7 @@ def test_paths_coincide_as_sets_of_points_up_to_gaps_and_parts():
     assert is_full_line == [True, False, False, True, True]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["four_bar", "stephenson"])
 def test_names_in_the_chart_cover_no_other_name_and_are_inside_the_panel(name):
     figure = sk.run(name, "poles", samples=61).plot("gnomonic chart")
@@ -706,6 +709,7 @@ def test_names_are_inside_their_frame():
     assert np.all(middle + LABEL_HALF_SIZE <= upper_right)
 
 
+@pytest.mark.slow
 def test_titles_have_a_margin_from_the_edge_of_their_figure(four_bar):
     for name, figure in four_bar.plot().items():
         figure.draw_without_rendering()
@@ -860,6 +864,7 @@ def test_a_figure_of_unknown_columns_is_refused(four_bar, arguments, options, me
         four_bar.plot(*arguments, **options)
 
 
+@pytest.mark.slow
 def test_run_draws_figures_into_its_folder(tmp_path, capsys):
     """`spherekit run --figures svg` writes four figures; without a folder it is refused."""
     folder = tmp_path / "out"

@@ -176,6 +176,7 @@ def test_maps_over_a_grid_draw_no_reversal_of_an_axis(name, poles, grid):
     assert magnitude_figures or are_all_pairs
 
 
+@pytest.mark.slow
 def test_sizes_over_a_grid_are_those_of_the_angular_velocities():
     """Magnitudes of angular velocities drawn over a grid are those of `sk.evaluate`.
 
@@ -339,6 +340,7 @@ def test_titles_of_round_panels_are_inside_their_figures():
     assert title_count > 15
 
 
+@pytest.mark.slow
 def test_whole_numbers_below_zero_are_drawn_on_the_sphere():
     """Only small whole numbers, up to 12 in magnitude, have colours of their own."""
     points = np.eye(3)

@@ -212,6 +212,7 @@ def test_random_mechanisms_read_back_exactly_as_written(seed, unit, tmp_path):
     assert tomllib.loads(dumps(mechanism, unit))["angle_unit"] == unit
 
 
+@pytest.mark.slow
 def test_degrees_of_a_file_give_back_every_angle_in_radians_exactly():
     """Every angle in radians is written in degrees so that it is read back exactly.
 

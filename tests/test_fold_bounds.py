@@ -170,6 +170,10 @@ def test_newton_bounds_are_infinite_if_loops_together_may_have_no_solution(loop_
 
     The Jacobian has one derivative for each loop, all -1 at x = 0: a column of L numbers.
     Its pseudo-inverse is a row of L numbers -1 / L, which has the norm 1 / sqrt(L).
+
+    `bound_by_kantorovich` gets the residual and the curvature of a single loop. It must
+    multiply them by norms over all L loops. Otherwise the bound would be finite for some g
+    without a zero.
     """
     curvature = 0.1
     largest_closing_residual = 1.0 / (2.0 * curvature)

@@ -227,6 +227,7 @@ def arguments_with_an_empty_text():
                     yield [name, f"{action.option_strings[-1]}="]
 
 
+@pytest.mark.slow
 def test_an_empty_argument_is_refused_everywhere(tmp_path, monkeypatch, capsys):
     """Every argument and option of all commands refuses an empty text."""
     monkeypatch.chdir(tmp_path)

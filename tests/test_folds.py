@@ -176,6 +176,7 @@ def fold_variable(motion, crease):
     return motion.values[:, motion.mechanism.angles[crease]]
 
 
+@pytest.mark.slow
 def test_the_plan_of_an_over_constrained_fold_is_found_by_rank():
     """In Python as on the command line, a facet beside another one has a crease as pole."""
     plan = sk.plan("miura_unit")
@@ -234,6 +235,7 @@ def test_a_new_vertex_closes_in_its_whole_range_in_both_modes(sectors, tmp_path)
             assert frame == pytest.approx(np.eye(3), abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("crease_count", range(4, 10))
 def test_the_output_of_a_new_vertex_moves_with_every_driven_crease(crease_count, tmp_path):
     """The output of a new folded vertex depends on every driven crease.

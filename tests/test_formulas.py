@@ -238,6 +238,7 @@ def test_arguments_are_numbers_of_the_file(name, keys):
     assert results == pytest.approx(expected, rel=1e-11, abs=1e-12, nan_ok=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stephenson", "roller_cam", "planetary_bevel"])
 def test_formulas_have_the_angles_and_coefficients_of_evaluate(name):
     """Formulas agree with `sk.evaluate`, which places links by another method.
@@ -323,6 +324,7 @@ def test_newton_steps_of_a_source_close_the_loops(tmp_path):
         assert abs(gap) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not GCC, reason="no C compiler")
 def test_stored_functions_have_their_source(tmp_path):
     """A reduced model has a source in C, whose last result is its driving torque."""
@@ -336,6 +338,7 @@ def test_stored_functions_have_their_source(tmp_path):
     assert columns[-1] == pytest.approx(torque, rel=1e-12, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not GCC, reason="no C compiler")
 def test_sources_of_stored_functions_count_turns(tmp_path):
     """Pair variables grow by a turn in each period, and with them the torque of a spring.
@@ -359,6 +362,7 @@ def test_sources_of_stored_functions_count_turns(tmp_path):
     assert columns[:-1] == pytest.approx(stored, rel=1e-11, abs=1e-11)
 
 
+@pytest.mark.slow
 def test_heads_speak_of_sides_of_dyads_only_with_signs_as_arguments(tmp_path):
     """Wheels and stored functions have no signs; a stored mode has no title either."""
     target = tmp_path / "x.c"

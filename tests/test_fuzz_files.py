@@ -46,6 +46,7 @@ def test_damaged_mechanism_files_are_refused_with_their_place_or_can_be_written(
         assert loads(dumps(mechanism)) == mechanism
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(data=st.binary(max_size=80), follows_a_file=st.booleans())
 def test_random_bytes_are_refused_or_read_as_a_mechanism(
@@ -63,6 +64,7 @@ def test_random_bytes_are_refused_or_read_as_a_mechanism(
     assert loads(dumps(mechanism)) == mechanism
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(files)
 def test_damaged_study_files_are_read_or_refused_by_their_name(tmp_path_factory, text):

@@ -29,9 +29,11 @@ FRAME_ROTATION = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 def evaluate_fields(mechanism, samples=3):
     """Return the motion of assembly mode 0 and {input pair: velocity field} at its samples.
 
-    An assembly mode is one way to assemble the links. A field has the poles (axes of
-    relative rotation), their velocity coefficients (rates per rate of the input) and the
-    angular velocities of all links, while one input moves and the others are locked.
+    Tests compare the fields of two descriptions of one mechanism, and check that the motion
+    stays in one mode. An assembly mode is one way to assemble the links. A field has the
+    poles (axes of relative rotation), their velocity coefficients (rates per rate of the
+    input) and the angular velocities of all links, while one input moves and the others are
+    locked.
     """
     with warnings.catch_warnings():
         # A warning of NumPy (division by zero, invalid value) fails the test.
@@ -44,9 +46,8 @@ def evaluate_fields(mechanism, samples=3):
         poles = all_poles(len(mechanism.links))
         fields = {}
         for input_pair in position_analysis.inputs:
-            # `by_rank` says that the mobility follows from the rank of the velocity
-            # equations. For these mechanisms, counting links and pairs leads to another
-            # number.
+            # `by_rank` is true if the mobility follows from the rank of the velocity
+            # equations. The analysis uses the rank if counting links and pairs fails.
             pole_request = request(
                 position_analysis.mechanism,
                 input_pair,
@@ -222,6 +223,7 @@ def test_plans_of_random_mechanisms_determine_every_pole_once():
     assert checked > 50
 
 
+@pytest.mark.slow
 def test_velocities_do_not_depend_on_names_orders_and_frame_of_the_file():
     random = np.random.default_rng(5)
     for seed in range(400, 410):

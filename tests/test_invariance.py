@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from helpers.analysis_runs import evaluate_poles_of_motion
 from mechanism_examples.linkages import EIGHT_BARS, mechanism_from_chain, random_axes
 
@@ -22,6 +23,7 @@ def relative_angular_velocities(mechanism):
     return velocities
 
 
+@pytest.mark.slow
 def test_another_ground_gives_the_same_relative_velocities():
     """The relative angular velocities of an eight-bar do not depend on the ground link.
 

@@ -489,6 +489,7 @@ def test_all_mid_plane_symmetric_solutions_are_found():
     assert {len(signs) for signs in solutions.signs} == {5}
 
 
+@pytest.mark.slow
 def test_solutions_close_where_the_axes_of_a_dyad_coincide():
     """At this direction of the mid-plane mechanism a dyad is degenerate."""
     mechanism = sk.load("two_dof_spm")
@@ -572,6 +573,7 @@ def test_the_jacobian_has_a_column_of_zeros_where_an_input_moves_a_resting_outpu
     assert np.allclose(products, type_1[:, None] * np.eye(3), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_type_ii_measure_belongs_to_the_poses_of_the_call():
     """The measure is computed later, but a change of the caller's array has no effect."""
     kinematics = sk.InverseKinematics("three_rrr")

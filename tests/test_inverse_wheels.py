@@ -224,6 +224,7 @@ def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name,
     assert np.max(np.abs(outputs - poses_of_outputs)) < 1e-11
 
 
+@pytest.mark.slow
 def test_workspace_of_the_wrist_near_a_working_mode_has_no_failures(wrist):
     run = sk.run(wrist, "workspace:tolerance=0.3,working_mode=0,near=5")
     assert not run.failures  # the yaw does not move the hand's other carriers

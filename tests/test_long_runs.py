@@ -271,6 +271,7 @@ def test_a_run_in_the_background_of_a_shell_ignores_ctrl_c(tmp_path):
     assert contents(tmp_path)["summary.json"]["samples"] == 9000
 
 
+@pytest.mark.slow
 def test_a_full_disk_keeps_what_is_done(tmp_path, monkeypatch):
     """If the disk is full after some blocks of samples, the run can be resumed from there.
 
@@ -347,6 +348,7 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path, capsys):
     run_four_bar(tmp_path)
 
 
+@pytest.mark.slow
 def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
     """Unfinished work is continued only by the same run; otherwise the difference is named.
 
@@ -677,6 +679,7 @@ def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch
     assert arrow_bytes < 1e6
 
 
+@pytest.mark.slow
 def test_the_engine_that_began_goes_on(tmp_path):
     """A simulation begun with NumPy is resumed with NumPy if the choice is automatic."""
     with pytest.raises(KeyboardInterrupt):

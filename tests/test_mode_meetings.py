@@ -449,6 +449,7 @@ def test_angles_that_count_turns_are_continuous_through_crossings(arcs, zero):
         assert np.nanmax(np.abs(difference)) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arcs", "zero"), [((70, 40, 60, 30), "0"), ((100, 60, 80, 120), "180")]
 )

@@ -256,6 +256,7 @@ def test_a_dyad_that_closes_in_the_other_mode_is_not_at_fault():
         sk.trace(three_dyads, samples=3)
 
 
+@pytest.mark.slow
 def test_modes_of_wheels_are_looked_for_in_the_middle_of_the_range_first(tmp_path):
     """The first sample and the middle are examined, and no sample between them.
 

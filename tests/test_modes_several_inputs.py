@@ -345,6 +345,7 @@ def test_samples_many_turns_apart_have_all_their_configurations(name, backwards)
     assert count_rows(turned_motion, len(path)).tolist() == counts_alone
 
 
+@pytest.mark.slow
 def test_small_newton_steps_join_the_rows_of_a_mode():
     """Successive rows of one assembly mode belong to one continuous motion.
 
@@ -483,7 +484,12 @@ def graph_of(name, shape):
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm", "agile_eye", "three_rrr"])
 @pytest.mark.parametrize("distance", [0.0, 3e-13, 1e-9, 4e-7])
 def test_a_configuration_added_three_times_is_one_node(name, distance):
-    """Copies of a configuration that differ by rounding only are one node of the graph.
+    """Nearly equal copies of a configuration are one node of the configuration graph.
+
+    A node is one configuration at one sample (choice of the inputs). An assembly mode (way
+    to assemble the links) has at most one node at each sample, so a second node would
+    belong to another mode. Angles that differ by less than 1e-6 rad, or by whole turns, are
+    the same.
 
     `graph_of` returns a graph without nodes, and all configurations of a grid of inputs.
     All are added as they are, shifted by up to `distance` (rad) in each variable, and with
@@ -505,6 +511,7 @@ def test_a_configuration_added_three_times_is_one_node(name, distance):
     )
     assert len(graph.sample) == count
     assert nodes.tolist() == 3 * list(range(count))
+    # Configurations that were added in an earlier call are not added again either.
     assert np.array_equal(
         graph.add(configurations.sample, configurations.values), np.arange(count)
     )

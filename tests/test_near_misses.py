@@ -121,6 +121,7 @@ def test_a_range_that_ends_before_a_dead_centre_is_nearest_at_its_end(low, high,
     assert abs(miss["velocity_coefficient"] - abs(there)) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "low, high, places",
     [(-180.0, 0.0, [0.0]), (0.0, 180.0, [0.0]), (0.0, 540.0, [0.0, 360.0])],
@@ -196,6 +197,7 @@ def simulate_without_loads(made, start, duration, samples=9, **options):
     return result, result.frame("motion")["q"].to_numpy()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("start_deg", "rate", "duration"),
     [(10.0, 3.0, 1.2), (170.0, 2.0, 1.0), (100.0, -2.0, 0.6), (150.0, -1.0, 0.5)],
@@ -224,6 +226,7 @@ def test_the_least_transmission_angle_of_a_simulation_is_one_that_it_passes(
     assert f"{least} at 21 = {place:.6g} deg in mode 0" in remarks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file_range", [(0.0, 360.0), (50.0, 60.0)])
 def test_a_simulation_that_ends_before_a_dead_centre_is_nearest_at_its_end(file_range):
     """The rocker turns back at -27.8 deg, and the simulation ends 2 deg before."""
@@ -241,6 +244,7 @@ def test_a_simulation_that_ends_before_a_dead_centre_is_nearest_at_its_end(file_
     assert any("without meeting" in warning for warning in warnings)
 
 
+@pytest.mark.slow
 def test_a_simulation_behind_a_crossing_is_near_a_dead_centre_at_its_end():
     """A change-point four-bar folds at 360 deg and goes on along another curve.
 

@@ -84,6 +84,7 @@ def test_a_page_is_one_file_without_a_network(tmp_path, monkeypatch, capsys):
     assert not [x for x in fetched if "//" in x] and "default-src 'none'" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["roller_cam", "double_butterfly"])
 def test_the_saved_text_is_the_file(name):
     """With its numbers as they are it is read as the same mechanism, comments and all."""
@@ -96,6 +97,7 @@ def test_the_saved_text_is_the_file(name):
     assert "# Assumed: " in text
 
 
+@pytest.mark.slow
 def test_a_saved_text_that_is_written_anew_has_every_number():
     """The file states directions by `xyz`, so that its text has no angles to replace."""
     made = PageMaker("miura_unit", None, ["q"], None).make_model([])

@@ -501,6 +501,7 @@ COUNT_COLOURS_OF_TRANSMISSION_PLOT = """(() => {
 """Counts the opaque pixels of the plot of the transmission angle by colour (#rrggbb)."""
 
 
+@pytest.mark.slow
 def test_equal_curves_are_dashed_in_two_colours(open_page):
     """Two equal curves on a page are both seen: the second one is dashed over the first.
 

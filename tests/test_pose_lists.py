@@ -69,7 +69,13 @@ def test_directions_and_quaternions_may_have_any_length(length):
 
 @pytest.mark.parametrize("how", ["poses", "window", "file"])
 def test_components_of_directions_are_no_angles_if_inputs_have_their_names(how, tmp_path):
-    """The direction x, y, z is the same, whether or not pairs are named x and y."""
+    """Numbers x, y, z are a direction, even if the driven pairs are named x and y.
+
+    A list of poses may state components of a direction (x, y, z) or, by the names of the
+    driven pairs, input angles. Here the names x and y could mean either. Numbers x and y
+    without z are input angles. `how` is the source of the list: texts, a grid ("window") or
+    a file.
+    """
     path = tmp_path / "poses.csv"
     path.write_text("x,y,z\n1,2,2\n")
     source = {

@@ -147,3 +147,9 @@ def test_a_run_goes_on_if_nobody_reads_its_progress(monkeypatch, capsys):
     monkeypatch.setattr("sys.stderr", ClosedPipe())
     assert main(["run", "four_bar", "--samples", "5"]) == 0
     assert "2 assembly modes" in capsys.readouterr().out
+
+
+def test_a_note_that_nobody_reads_is_no_error(monkeypatch):
+    """The address of a served recording is a note, printed before the run computes."""
+    monkeypatch.setattr("sys.stderr", ClosedPipe())
+    note(Namespace(quiet=False), "serving at rerun+http://127.0.0.1:9876")

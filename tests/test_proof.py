@@ -88,6 +88,7 @@ def test_all_complex_modes_are_proven_and_the_real_ones_are_those_found(
     check(recorded(modes_certificate(modes)))
 
 
+@pytest.mark.slow
 def test_eight_bars_driven_at_any_pair_have_a_construction_with_three_unknowns():
     """A construction with three unknown angles exists for every driven pair.
 

@@ -123,6 +123,7 @@ def test_modes_of_a_platform_that_are_1e_6_to_1e_14_rad_apart_are_both_certified
         check(recorded(modes_certificate(modes)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("digits", (5, 12))
 def test_modes_of_a_triad_that_just_miss_each_other_are_none(digits):
     _, real = half_angle_between_modes(100, digits)

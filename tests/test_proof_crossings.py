@@ -248,6 +248,7 @@ def test_the_command_says_where_curves_cross(tmp_path, capsys):
     assert "  Elsewhere there are no singularities." in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("crank_arc", [17.0, 60.0])
 def test_certificates_of_files_without_outputs_have_all_singularities(
     crank_arc, tmp_path, capsys
@@ -326,6 +327,7 @@ def test_boxes_inside_a_crossing_that_was_found_after_them_are_decided():
     assert len(search.resolve_undecided(small_boxes)) == 0
 
 
+@pytest.mark.slow
 def test_a_configuration_in_a_box_is_bounded_by_its_euclidean_distance():
     """The stated error of a configuration in a proof covers the errors of all variables.
 

@@ -182,6 +182,7 @@ def test_a_certificate_holds_the_turns_and_the_zero_of_a_wheel():
     assert error <= wheel["off"] + 1e-15 < 1e-14
 
 
+@pytest.mark.slow
 def test_a_planet_on_a_crank_has_the_modes_that_are_proven_at_inputs():
     """A wheel of the coupler rolls about one of the ground, which the crank carries."""
     written = geared((14, 21), PLANET)
@@ -202,6 +203,7 @@ def test_wheels_that_are_all_driven_are_refused():
         geared((20, 40), driven)
 
 
+@pytest.mark.slow
 def test_modes_that_a_wheel_has_within_a_tolerance_are_not_excluded(monkeypatch):
     """A wheel of 20 teeth turns 1000 times as far as an error of the other wheel of 20000.
 

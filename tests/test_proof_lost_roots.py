@@ -1,6 +1,7 @@
 """Proofs at inputs at which no homotopy converges to a root of the equations."""
 
 import numpy as np
+import pytest
 
 import spherekit as sk
 from spherekit.proof.arc_equations import ArcEquations
@@ -10,6 +11,7 @@ from spherekit.proof.decimal_mechanism import read_decimals
 from spherekit.proof.modes_over_boxes import count_modes, list_systems
 
 
+@pytest.mark.slow
 def test_nothing_is_proven_at_inputs_at_which_all_roots_are_lost():
     """At these inputs (deg), Newton's method converges to no root of the Agile Eye.
 

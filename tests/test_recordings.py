@@ -366,6 +366,7 @@ def test_an_axode_that_is_asked_for_twice_is_drawn_once():
     assert paths == ["axode/P31/fixed", "axode/P31/moving"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "first_step"),
     [

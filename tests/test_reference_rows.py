@@ -229,6 +229,7 @@ def test_reference_rows_satisfy_the_equations_of_every_pair(name):
         assert np.max(np.abs(spin[..., 2, 1] - exact.w[..., 0])) < truncation
 
 
+@pytest.mark.slow
 def test_a_shaped_cam_of_a_reference_row_touches_its_roller():
     """The centre of the roller is its radius away from the nearest point of the cam.
 
@@ -481,6 +482,7 @@ def assert_pole_agrees_with_reference(field, reference, exact, pole):
     assert np.allclose(rate[has_rate], exact_rate[has_rate], rtol=0.0, atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stephenson", "two_dof_spm", "roller_cam", "shaped_cam"])
 def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name):
     """Poles computed from many digits agree with the float64 evaluation of poles.

@@ -199,10 +199,14 @@ def test_the_routes_best_and_equations_differ_only_in_the_rows_they_count():
 
 
 def test_great_circles_of_a_pole_avoid_a_pole_that_is_unknown_in_a_row():
-    """Of three great circles through a pole, the two that are known are returned.
+    """The two great circles that determine a pole do not use a pole that is unknown.
 
-    A great circle goes through the poles that two links have with a third link. Where it is
-    unknown, its pole has the direction NaN.
+    A pole is the axis of the relative rotation of two links. For each third link, the pole
+    of links 0 and 1 lies on a great circle: that through the poles of both with the third
+    link. `great_circles` chooses two of these circles in each row (sample in one mode).
+
+    In row 0 the pole of links 0 and 2 is made unknown: its direction is NaN. The circle of
+    the third link 2 is then unknown, and circles of other links must be chosen.
     """
     position_analysis = PositionAnalysis(sk.load("stephenson"), samples=5)
     motion = position_analysis.motion()
@@ -212,6 +216,7 @@ def test_great_circles_of_a_pole_avoid_a_pole_that_is_unknown_in_a_row():
     unknown_pole = 0, 2
     planned_poles.directions[unknown_pole][:, 0] = np.nan
     planned_poles.errors[unknown_pole][0] = np.nan
+    # Unit normals of the circles. They are perpendicular to the pole, and none is NaN.
     circles = planned_poles.great_circles((0, 1))
     along_pole = circles @ planned_poles.directions[0, 1].T[:, :, None]
     assert np.max(np.abs(along_pole)) < 1e-9

@@ -391,6 +391,7 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
         assert np.nanmax(np.abs(by_torque / inverse_mass[:, :, j] - 1.0)) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
 def test_condition_numbers_are_those_of_the_jacobian_of_inverse_kinematics(name):
     """Condition number and determinant are those of the Jacobian of inverse kinematics.
@@ -448,6 +449,7 @@ def test_singular_values_by_expressions_are_those_of_lapack(columns):
     assert np.max(np.abs(values - expected) / largest) < 3e-15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name, key, quantities",
     [

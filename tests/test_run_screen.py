@@ -140,6 +140,7 @@ def random_watt(tmp_path, seed):
     return sk.load(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*LAST_DYADS, 1, 2, 3])
 def test_each_output_has_the_transmission_angle_of_the_dyad_that_places_it(name, tmp_path):
     """The transmission angles of a run are those of an independent law of cosines.
@@ -490,6 +491,7 @@ def test_torques_of_modes_that_end_at_dead_centres_are_told_apart(capsys):
     assert "dead centre the torque" not in printed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", [1, 20])
 @pytest.mark.parametrize("analysis", ["statics", "eksergian"])
 def test_largest_torques_of_blocks_are_those_of_the_whole_run(analysis, block):
@@ -641,6 +643,7 @@ def test_tables_of_findings_are_checked():
         compute_findings(Analysis(), None, None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "roller_cam", "two_dof_spm"])
 def test_extremes_between_samples_are_exceeded_by_about_as_much_as_stated(name):
     """Extremes between samples exceed those at samples by at most twice the estimates.

@@ -457,6 +457,7 @@ def test_an_analysis_without_samples_passes_conformance():
     assert not report.failing, str(report)
 
 
+@pytest.mark.slow
 def test_conformance_says_that_the_main_table_was_empty():
     empty = AnalysisWithoutSamples(rows=0)
     report = ConformanceSuite(empty, ["four_bar", "five_bar"], SAMPLES).report()

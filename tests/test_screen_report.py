@@ -150,6 +150,7 @@ def test_every_finite_angle_has_a_text_in_degrees():
     assert degree_range_text(-0.811, 6.283185307179586) == "-46.4669 to 360"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [["--lock", "51=60deg"], ["--input", "51"]])
 def test_suggested_commands_keep_inputs_and_locked_pairs(capsys, options):
     """Without them a command would analyse another mechanism than the run before it."""

@@ -174,6 +174,7 @@ def test_draws_of_small_deviations_spread_as_the_first_order_predicts(distributi
     assert np.max(np.abs(scattered - (values[:, :, None] + changes))) < 1e-7
 
 
+@pytest.mark.slow
 def test_tolerances_of_the_analysis_follow_from_its_derivatives():
     """The tolerances that the analysis `sensitivity` states follow from its derivatives.
 
@@ -291,6 +292,7 @@ def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path
     assert len(set(np.round(drawn, 9))) == len(motion.q)
 
 
+@pytest.mark.slow
 def test_sizes_of_coaxial_shafts_are_left_out_and_said_to_be():
     said = sk.run("planetary_bevel", "sensitivity", samples=3).summary["warnings"]
     (warning,) = [text for text in said if "left out" in text]
@@ -308,6 +310,7 @@ def test_the_zero_of_the_second_of_coincident_axes_jumps_by_half_a_turn():
     assert shaft(0.02, 30.0) == pytest.approx(shaft(0.0, 210.0), abs=2e-3)
 
 
+@pytest.mark.slow
 def test_what_no_size_changes_is_said_to_be_so(tmp_path, capsys):
     """The crank of a geared five-bar turns by its teeth, whatever the arcs are."""
     path = tmp_path / "geared.toml"
@@ -394,6 +397,7 @@ def test_draws_beside_a_dead_centre_stay_in_their_assembly_mode():
     assert any(some_draw_fails)
 
 
+@pytest.mark.slow
 def test_the_first_order_is_said_to_be_so_where_it_is_not_enough():
     run = sk.run(
         crank_rocker(**BESIDE_A_DEAD_CENTRE),
@@ -474,6 +478,7 @@ def four_bar_with_spring_and_inertia(stiffness=3.0, rest=40.0, tensor=0.4):
     )
 
 
+@pytest.mark.slow
 def test_derivatives_by_masses_and_loads_are_those_of_differences():
     """Derivatives by a stiffness, a rest angle and an inertia are central differences.
 
@@ -819,6 +824,7 @@ def test_profiles_of_gears_follow_the_sizes_and_the_phase_of_their_file(tmp_path
     assert np.max(np.abs(derivatives[[0, 2, 3, 4]]), axis=(1, 2)).min() > 0.01
 
 
+@pytest.mark.slow
 def test_sizes_that_move_wheels_apart_beside_a_cam_are_left_out_and_refused(tmp_path):
     """The wheels keep their contact, so the loops do not close after such a change."""
     path = tmp_path / "geared_cam.toml"
@@ -881,6 +887,7 @@ def test_no_draws_are_lost_where_an_euler_angle_of_a_contact_is_half_a_turn(tmp_
     assert (rows["lost"] == 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", [1, 16])
 def test_a_quantity_without_derivatives_is_named_in_a_warning(block):
     """Wheels in a reference pose have no derivatives by the directions of their axes."""

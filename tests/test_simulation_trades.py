@@ -25,6 +25,7 @@ def short_trade(settings, **options):
     )
 
 
+@pytest.mark.slow
 def test_settings_of_a_trade_simulate_crossings_like_the_run():
     """The compiled engine does not pass crossings, so a run that passes them refuses it."""
     compiled = Setting(integrator="compiled", tolerance=1e-6)
@@ -46,10 +47,12 @@ def test_a_setting_without_a_tolerance_is_refused():
         short_trade([Setting()], samples=3)
 
 
+@pytest.mark.slow
 def test_a_simulation_with_a_single_sample_has_a_trade():
     assert short_trade([BY_NUMPY], samples=1).checked == 1
 
 
+@pytest.mark.slow
 def test_the_time_for_planning_does_not_grow_with_the_number_of_samples(monkeypatch):
     """Planning, here at least 0.05 s, is part of the time before the first sample."""
     make_plan = simulation_measurement.make_analysis_plan

@@ -182,6 +182,7 @@ def test_singularities_are_listed_for_every_turn_of_a_range(low_deg, high_deg):
     assert np.all(np.min(np.abs(differences), axis=(0, 2)) < 1e-7)
 
 
+@pytest.mark.slow
 def test_a_place_at_both_ends_of_a_turn_is_listed_once():
     """90 + 40 = 60 + 70: at q = 180 deg the four-bar lies in one plane."""
     made = four_bar(np.radians([90.0, 40.0, 60.0, 70.0])).with_inputs("21")

@@ -143,6 +143,7 @@ def axes_through_common_line(random):
     return line, axes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("leg", range(3))
 def test_statement_1_a_stretched_leg_is_type_one(leg):
     """The case study's first example: the three axes of a leg are coplanar."""
@@ -195,7 +196,9 @@ def test_theorem_1_coplanar_poles_are_type_one_of_the_second_group(seed):
     - Second group: no d_i vanishes, but the three axes u_i are coplanar, so that their
       triple product vanishes. Several inputs together can leave the platform at rest.
 
-    Two inputs are at pairs of one leg. If this leg is stretched, the axes are coplanar.
+    Two inputs are at pairs of one leg. While one input moves, the platform turns about the
+    axes of this leg only. If the leg is stretched, these axes are coplanar, and so are the
+    axes u_i. With a c_i of zero the platform could move while all inputs rest (type II).
     """
     axes = random_axes(np.random.default_rng(6 + seed), 9)
     rows, _ = at_reference(three_legs(axes, TWO_INPUTS_ON_ONE_LEG))
@@ -323,6 +326,7 @@ def four_bars_of_singular_curves(kind):
     return four_bars
 
 
+@pytest.mark.slow
 def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
     """The type I curves of a five-bar are motions with a stretched or folded leg.
 
@@ -463,6 +467,7 @@ def cosine_between_elbows(first_input, second_input):
     return sum(a * b for a, b in zip(first_elbow, second_elbow, strict=True))
 
 
+@pytest.mark.slow
 def test_the_inputs_rest_at_a_cusp_of_a_singular_curve(monkeypatch):
     """At a cusp of a singular curve in the plane of inputs, the inputs rest.
 
@@ -565,6 +570,7 @@ def test_aspects_free_of_type_two_need_no_output_with_as_many_freedoms():
     assert not np.any(found.sign_one)
 
 
+@pytest.mark.slow
 def test_a_singular_curve_ends_where_the_contact_leaves_an_open_profile():
     """The status of both ends is OFF_PROFILE.
 

@@ -41,6 +41,7 @@ def all_curves(position_analysis):
     return [item.curve for item in position_analysis.configurations.curves]
 
 
+@pytest.mark.slow
 def test_a_double_zero_of_an_output_rate_is_one_singularity():
     """A double zero of an output rate is one singularity, without a reversal.
 

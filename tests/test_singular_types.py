@@ -219,6 +219,7 @@ def test_two_outputs_of_the_same_links_have_their_names_in_every_table():
     assert {"3/1 out0", "3/1 out1"} <= set(analysis["findings"])
 
 
+@pytest.mark.slow
 def test_one_input_has_the_same_name_for_what_moves_neither():
     """The crank as its own output: neither moves where coupler and follower are in line."""
     made = four_bar(np.radians([100.0, 50.0, 70.0, 40.0]))
@@ -229,6 +230,7 @@ def test_one_input_has_the_same_name_for_what_moves_neither():
         assert kernel_type(made, here, own) == "self-motion"
 
 
+@pytest.mark.slow
 def test_no_note_takes_an_output_for_the_input():
     """Stephenson's with a short last link: its dyad stretches, and the crank waits."""
     made = load_without_loads("stephenson").with_sizes(angle_unit="rad", arcs={"6": 0.5})

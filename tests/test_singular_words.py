@@ -148,6 +148,7 @@ def test_links_whose_names_begin_alike_are_distinguished():
         ordered_pole(mechanism, "111")
 
 
+@pytest.mark.slow
 def test_the_sense_of_a_coefficient_is_not_guessed():
     evaluated = sk.evaluate("twelve_bar", 0.1)
     with pytest.raises(PlanError, match="could mean 1/11 or 11/1"):

@@ -210,6 +210,7 @@ def test_folding_four_bars_have_the_right_types(name):
     assert columns_with_missing_numbers(relation) <= {"transmission"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("power", [8, 12])
 def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
     """Near a parallelogram, the type of a singularity is right or called undecided.
@@ -497,6 +498,7 @@ def test_a_simulation_lists_the_singularities_that_it_passes_in_each_turn(rate):
     assert len(not_passed) == 2
 
 
+@pytest.mark.slow
 def test_relations_keep_their_sense_where_an_axis_rests():
     """The sense of an axis is arbitrary, so c and d could change sign between samples.
 
@@ -509,6 +511,7 @@ def test_relations_keep_their_sense_where_an_axis_rests():
         assert np.nanmax(steps, initial=0.0) < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("near", ["180deg", "360deg"])
 def test_a_limit_beyond_a_right_angle_warns_as_a_right_angle_does(near):
     """Distances from singularities are at most a right angle."""

@@ -76,10 +76,13 @@ def test_the_relation_of_rates_holds_for_every_input(five_bar_run):
 def test_findings_count_aspects_and_singular_curves_as_the_tables_do(five_bar_run):
     """The summary of a run counts aspects and singular curves as its tables do.
 
-    An aspect is a region of inputs and modes that no singularity divides. `five_bar_run` is
-    a run of the analysis of singularities. At type I inputs can move while the output
-    rests, at type II the output while the inputs rest. The table of aspects has a row for
-    each configuration.
+    `five_bar_run` is a run of the analysis of singularities. An aspect is a region of
+    inputs and modes that no singularity divides. The table of aspects has a row for each
+    configuration, with the number of its aspect. The finding "aspects" of the summary lists
+    how many configurations each aspect has.
+
+    The finding "curves_II" is the number of singular curves of type II, on which the output
+    can move while the inputs rest. The output is that of link 3 relative to link 1.
     """
     result, _ = five_bar_run
     frame = result.frame("singularities", "aspects")

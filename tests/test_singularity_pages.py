@@ -18,6 +18,7 @@ NAME = "singularities"
 TURN = 2.0 * np.pi
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("output", ["5/3", "6/1"])
 def test_the_drawn_planes_coincide_at_type_1(output):
     """The two planes that are drawn at a singularity of type I are the same plane.
@@ -35,6 +36,7 @@ def test_the_drawn_planes_coincide_at_type_1(output):
     assert np.max(np.linalg.norm(np.cross(first, second), axis=1)) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["four_bar", "rolling_cones"])
 def test_the_moving_point_stays_on_its_curve_in_each_turn_of_the_input(name):
     """The moving point of a plot over the input lies on a drawn curve in each turn.
@@ -76,6 +78,7 @@ def test_marks_of_self_motions_are_called_so():
     assert {mark.label for mark in marks} == {"self-motion"}
 
 
+@pytest.mark.slow
 def test_a_simulation_does_not_meet_curves_on_which_the_input_rests_elsewhere():
     """A kite folds at the input 0, where its rocker turns freely on two further curves.
 
@@ -95,6 +98,7 @@ def test_a_simulation_does_not_meet_curves_on_which_the_input_rests_elsewhere():
     assert not any("meets a singularity" in text for text in warnings)
 
 
+@pytest.mark.slow
 def test_the_relation_has_all_rows_if_all_samples_are_crossings():
     """All three samples of a parallelogram are flat; the table has them as type III."""
     parallelogram = four_bar(np.radians([60.0, 40.0, 60.0, 40.0]))
@@ -107,6 +111,7 @@ def test_the_relation_has_all_rows_if_all_samples_are_crossings():
     assert set(relation["status"].astype(str)) == {"AT_SINGULARITY"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("output", ["4/1", "1/4"])
 def test_an_output_angle_grows_with_a_positive_velocity_coefficient(output):
     """The slope of the plot of an output over the input is the velocity coefficient.
@@ -124,6 +129,7 @@ def test_an_output_angle_grows_with_a_positive_velocity_coefficient(output):
         assert np.max(np.abs(slopes - coefficients)[1:-1]) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arcs", [[60.0, 25.0, 50.0, 55.0], [60.0, 60.0, 40.0, 40.0]])
 def test_a_reversed_output_swings_between_the_opposite_angles(arcs):
     """The output 1/4 has the opposite angles of 4/1, also at crossings of curves (kite)."""
@@ -138,6 +144,7 @@ def test_a_reversed_output_swings_between_the_opposite_angles(arcs):
     assert ranges["1/4"] == opposite
 
 
+@pytest.mark.slow
 def test_an_output_that_is_given_twice_is_listed_once():
     """4/1 and 41 are the same output, whose singularities and remarks are given once."""
     once, twice = (
@@ -180,6 +187,7 @@ def test_a_simulation_passes_the_dead_centres_between_its_samples(rate, duration
     assert warns == bool(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [9, 41])
 @pytest.mark.parametrize(
     ("arcs", "rate", "duration", "crossings", "dead_centres"),
@@ -215,6 +223,7 @@ def test_a_crossing_that_a_simulation_passes_is_inside(
         assert set(rows["assembly_mode"]) <= {"0"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_crossing_at_which_a_simulation_ends_is_inside(engine):
     """A parallelogram moves from 143 deg to 180 deg, where it is flat."""

@@ -157,6 +157,7 @@ def test_roots_at_ends_of_search_intervals_are_located_once():
     assert not len(doubtful)
 
 
+@pytest.mark.slow
 def test_a_search_of_modes_ends_after_its_limit_of_steps(monkeypatch):
     """The message states the modes and the steps along them; fewer modes result."""
     mechanism = sk.load("eight_bar_07")

@@ -471,6 +471,7 @@ def test_a_worker_without_spherekit_is_told(machines, tmp_path):
         sweep_on_cluster(tmp_path / "designs", machines.address)
 
 
+@pytest.mark.slow
 def test_no_scheduler_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(dask_cluster, "CONNECT_SECONDS", 0.5)
     addresses = (

@@ -105,6 +105,7 @@ def test_a_width_of_other_than_one_or_two_columns_is_refused():
         result.plot(columns=3)
 
 
+@pytest.mark.slow
 def test_the_command_draws_figures_into_the_folder(tmp_path, capsys):
     command = ["sweep", "four_bar", "--vary", "links.2.arc=10:20:3", "--samples", "31"]
     command += ["--reduce", SWING, "--workers", "1", "--figures"]

@@ -204,6 +204,7 @@ def test_a_file_that_is_no_part_is_refused_in_a_sentence(fault, folder_of_sweep,
     assert any(reason in message for reason in reasons)
 
 
+@pytest.mark.slow
 def test_a_file_that_was_refused_is_made_again_when_it_is_gone(
     finished_sweep, folder_of_sweep
 ):

@@ -103,6 +103,7 @@ def marked(names):
     return [pytest.param(x, marks=pytest.mark.slow) if x in SLOW else x for x in names]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", marked(VARIANTS))
 def test_the_nominal_design_has_the_figures_of_a_run(name, tmp_path):
     """A sweep over one size, at the value of the file, gives the figures of a run.
@@ -259,6 +260,7 @@ def test_a_file_that_does_not_close_has_designs_that_do(tmp_path):
     assert np.min(np.abs(frame["v"].dropna() - 1.0)) < 1e-12
 
 
+@pytest.mark.slow
 def test_torques_are_those_of_a_run():
     mechanism = second_rod().with_mass("rocker", 1e-3 * np.diag([1.0, 2.0, 1.5]))
     vary = {"links.rod.arc": [65.0]}
@@ -270,6 +272,7 @@ def test_torques_are_those_of_a_run():
         assert row["t"] == pytest.approx(np.max(np.abs(rows["tau"])), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_an_equation_that_is_only_rounding_is_not_used_for_rates():
     """A sweep does not compute rates from a loop equation that has only rounding errors.
 

@@ -15,6 +15,7 @@ def test_a_sweep_refuses_an_analysis_that_is_requested_twice():
         )
 
 
+@pytest.mark.slow
 def test_figures_of_the_user_may_read_an_analysis_that_has_none():
     text = "most=max(dynamics.dynamics: kinetic_energy)"
     frame = sk.sweep("four_bar", SIZES, text, analyses=["dynamics"], samples=5).frame()

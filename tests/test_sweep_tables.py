@@ -297,6 +297,7 @@ def test_a_worker_with_other_versions_writes_nothing(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_tables_that_do_not_fit_on_the_disk_are_refused(tmp_path, monkeypatch):
     """The disk is said to have 1000 bytes left."""
     vary = {"links.2.arc": list(np.linspace(10.0, 40.0, 40))}
@@ -309,6 +310,7 @@ def test_tables_that_do_not_fit_on_the_disk_are_refused(tmp_path, monkeypatch):
         sweep_doubled_input(vary)
 
 
+@pytest.mark.slow
 def test_a_full_disk_keeps_no_parts_in_a_temporary_folder(tmp_path, monkeypatch):
     vary = {"links.2.arc": list(np.linspace(10.0, 40.0, 40))}
     monkeypatch.setattr(

@@ -499,6 +499,7 @@ def test_a_condition_that_no_design_meets_leaves_no_row(capsys):
     assert "Empty" not in printed
 
 
+@pytest.mark.slow
 def test_a_sweep_with_a_locked_input_is_that_of_the_locked_mechanism(capsys):
     """A sweep with a locked input has the figures of a mechanism locked in Python.
 
@@ -603,6 +604,7 @@ def test_a_killed_sweep_continues_to_the_same_data_set(undisturbed_sweep, tmp_pa
     assert_equal_frames(expected, read_parts(tmp_path))
 
 
+@pytest.mark.slow
 def test_a_folder_takes_only_the_sweep_that_it_holds(tmp_path):
     """The same sweep computes nothing again; another one is refused."""
     sweep = partial(sk.sweep, "four_bar", {"links.2.arc": [10.0, 20.0]}, "max(q)")
@@ -929,9 +931,12 @@ def test_the_help_lists_all_reductions(capsys):
 
 
 def test_figures_at_an_input_have_the_motion_of_the_time_law():
-    """The torque at one input is that of a run with the same time law.
+    """Figures of merit of a sweep at one input are those of the motion by a time law.
 
-    At constant speed the driving torque differs from that at 1 rad/s.
+    A figure of merit is one number for a design in an assembly mode. The reduction `at`
+    takes a value from the motion at one input, here 3 rad. By the law the input moves at 10
+    rad/s, so it is there at 0.3 s. The driving torque must be that of a run with this law.
+    Without a law the input would move at 1 rad/s, with another torque.
     """
     law = ConstantSpeed(10.0)
     study = Study("s", sk.load("four_bar"), samples=11, duration=1.0, laws={"21": law})

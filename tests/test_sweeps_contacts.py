@@ -146,6 +146,7 @@ def test_sensitivities_of_wheels_are_the_same_by_contacts_and_by_ratios(tmp_path
     assert np.max(np.abs(gradients[3])) > 0.1
 
 
+@pytest.mark.slow
 def test_a_differential_has_derivatives_although_its_equations_repeat(tmp_path):
     """The derivative by one size agrees with a central difference of scattered values."""
     mechanism = sk.load(write_mechanism(tmp_path, DIFFERENTIAL))

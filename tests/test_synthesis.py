@@ -465,6 +465,7 @@ values = [[10.0, 20.0, 30.0], [0.0, 0.0, 0.6, 0.8]]
 """Directions by x, y, z and by azimuth and tilt; orientations by angles and quaternion."""
 
 
+@pytest.mark.slow
 def test_match_of_directions_and_orientations_is_the_rms_of_chords(tmp_path):
     """The objective "match" of poses is the root mean square of chords, in degrees.
 
@@ -646,6 +647,7 @@ def test_a_condition_without_columns_holds_in_all_rows(tmp_path):
         synthesize_swing(tmp_path, "sw", "1 < 2", "2 < 1")
 
 
+@pytest.mark.slow
 def test_designs_of_a_front_meet_conditions_that_exclude_equality(tmp_path):
     """Many designs close at all samples, which ``closes < 1`` excludes."""
     path = tmp_path / "front.toml"

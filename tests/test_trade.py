@@ -404,6 +404,7 @@ class CountedSamples(MinimalAnalysis):
         return {"counted": {"x": np.ones(1)}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "options", "largest_count"),
     [
@@ -446,6 +447,7 @@ def test_a_long_run_that_begins_out_of_reach_has_a_trade(monkeypatch):
     assert item.seconds > 0.0
 
 
+@pytest.mark.slow
 def test_errors_are_measured_at_as_many_samples_as_asked_for():
     """The default limit of 361 samples does not apply to a number that is given."""
     measured = trade(
@@ -495,6 +497,7 @@ def test_a_short_run_makes_no_trade_and_says_what_it_reached(capsys):
     assert f"fewer than {MIN_SAMPLES_FOR_TRADE}" in accuracy["why"]
 
 
+@pytest.mark.slow
 def test_a_long_run_takes_the_cheapest_setting(capsys):
     command = (
         f"run four_bar -a poles:only=31 --samples {MIN_SAMPLES_FOR_TRADE} "

@@ -28,6 +28,7 @@ def test_a_plan_uses_the_mobility_by_rank(path, capsys):
     assert "I    P(rod,frame) case (a)" in printed
 
 
+@pytest.mark.slow
 def test_a_plan_of_a_rigid_mechanism_is_refused(tmp_path, capsys):
     """The command `plan` refuses a mechanism that a further joint makes rigid.
 

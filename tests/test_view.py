@@ -234,6 +234,7 @@ def record_assembly_modes(path, count):
     return path
 
 
+@pytest.mark.slow
 def test_file_size_grows_linearly_with_the_number_of_modes(tmp_path):
     """15 more modes take at most 1.6 times what 3 more modes predict linearly."""
     sizes = []
@@ -623,6 +624,7 @@ def take_screenshot(recording, path, **options):
     return np.array(pytest.importorskip("PIL.Image").open(path).convert("RGB"))
 
 
+@pytest.mark.slow
 @pytest.mark.viewer
 def test_a_screenshot_shows_links_and_poles(recording, tmp_path):
     """A screenshot of a recording shows all colours of links and poles.

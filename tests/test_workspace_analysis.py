@@ -219,6 +219,7 @@ def test_points_of_the_five_bar_border_lie_on_their_limit(five_bar_result):
     assert np.abs(angles - np.radians(10.0)).max() < 1e-11
 
 
+@pytest.mark.slow
 def test_area_of_the_mid_plane_mechanism_is_that_of_the_paper(mid_plane_kinematics):
     """The two largest parts of the workspace have the area by the formula of the paper.
 
@@ -248,6 +249,7 @@ def test_area_of_the_mid_plane_mechanism_is_that_of_the_paper(mid_plane_kinemati
         assert len(region.boundaries[boundary].corners) == 4
 
 
+@pytest.mark.slow
 def test_border_has_the_extreme_angles_of_the_paper():
     """Table 2 of Chen et al.: extremes of phi and gamma (deg) under the 10 degree rule."""
     workspace = "workspace:apart=21/43:10+61/54:10,working_mode=-++,tolerance=1e-2"
@@ -352,6 +354,7 @@ def test_area_of_a_five_bar_with_an_inner_loop_is_the_counted_share(seven_link_c
     assert region.error < 1e-2 * region.area
 
 
+@pytest.mark.slow
 def test_orientations_away_from_singularities_have_a_volume():
     """The agile eye has axes about which an input cannot move; the distance exists there.
 

@@ -50,7 +50,8 @@ class _RotationEnd:
     name
         The word for this end in drawings.
     row
-        Row of this end in the order of theta: 0 for the first one, -1 for the last one.
+        Index of this end in arrays whose rows are sorted by theta, the angle by which the
+        output link has turned: 0 for the first row, -1 for the last row.
     plane_colour
         Index of the colour of the mid-plane at this end, in the list of drawing colours.
         The base and the output link are mirror images of each other about the mid-plane.
@@ -228,7 +229,7 @@ class RotationResult:
             # theta that the mechanism reaches. The user can list angles in any order.
             finite_normals = _finite_rows(normals[np.argsort(samples.theta)])
             if len(finite_normals):
-                # The row of an end is 0 or -1.
+                # `end.row` is 0 or -1.
                 for end in ROTATION_ENDS:
                     circle = _great_circle_points(finite_normals[end.row])
                     yield SphereCurves(
@@ -261,7 +262,7 @@ class RotationResult:
         for name, direction in directions.items():
             path = _finite_rows(arc_orientations @ direction)
             if len(path):
-                # `row` of an end is 0 or -1.
+                # `end.row` is 0 or -1.
                 marks = [
                     Mark(end.name, path[end.row], PATH_COLOUR) for end in ROTATION_ENDS
                 ]

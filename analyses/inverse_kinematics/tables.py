@@ -300,10 +300,11 @@ def _find_working_modes(
     """
     modes = np.full(len(poses) + 1, "", dtype=object)
     if isinstance(solver, ClosedKinematics):
-        # One row for each pose (`rows.pose`) and working mode, with the variables of all
-        # pairs but those of wheels, which can differ by whole revolutions of other pairs.
+        # The variables of wheels are not compared. If a pair that turns a wheel makes a
+        # whole revolution, the wheel can have another angle in the same working mode.
         names = [pair.name for pair in solver.carrying.pairs]
         pairs = [mechanism.pair_number[name] for name in names]
+        # One row for each pose (`rows.pose`) and working mode.
         rows = solver.inverse(poses, solver.labels, pairs)
         solution_values = values[rows.pose][:, pairs]
         differences = np.abs(wrap(rows.values - solution_values)).max(axis=1)

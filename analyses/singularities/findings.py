@@ -150,7 +150,8 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
         # A sentence that does not apply to all curves names its curves.
         if len(curves) != curve_count:
             sentence += f" on {numbered('configuration curve', curves)}"
-            # A curve can pass through several assembly modes, each of them in pieces.
+            # A curve can pass through several assembly modes. It is divided into pieces, on
+            # which the input only rises or only falls. Each piece belongs to one mode.
             pieces = [
                 piece
                 for number in curves

@@ -419,9 +419,10 @@ class SeveralInputs:
     def _relation_columns(self, output: Output, input_number: int) -> Columns:
         """Return the columns of the relation of an output and one input that moves alone.
 
-        The input moves at the rate q' while the others are locked. The output turns about
-        its pole axis (axis of relative rotation) u at the angular velocity w, with
-        c w = d q'. At singularities of type II c is 0, at those of type I d is 0.
+        The input moves at the rate q' while the others are locked. The output then turns
+        about its pole axis u (axis of relative rotation) with the angular velocity y' u.
+        The relation is c y' = d q'. At singularities of type II c is 0, at those of type I
+        d is 0.
 
         Parameters
         ----------
@@ -440,7 +441,8 @@ class SeveralInputs:
             "assembly_mode": batch.assembly_mode,
             **input_columns(batch.mechanism, batch.inputs),
             "output": name_output(batch.mechanism, output),
-            # "i" states that w is relative to the reference link of the output.
+            # In form "i", y' is relative to the reference link of the output. Only
+            # mechanisms with one input can also have rows of the form "ii".
             "form": "i",
             # Angles that are 0 at singularities of type I, and of type II.
             "distance_I": angle_from_sine(rows.type_one),

@@ -297,7 +297,13 @@ From farther away it does not reach the nearest configurations.
 
 @case(SINGULAR_FAMILY, "distance of the cranks' ends, rad", TO_STANDSTILL)
 def folded_dyad(distances: Sequence[float]) -> Iterator[Row]:
-    """Type III of two inputs: the shipped five-bar, its two outer links nearly folded."""
+    """Type III of two inputs: the shipped five-bar, its two outer links nearly folded.
+
+    If the ends of both cranks coincide, the outer links lie on each other. They can turn
+    together about the common end while the inputs rest. `distances` (rad) are those of the
+    first input from this position, on both sides. As in all cases, the rows are errors of
+    spherekit against a computation in 90 digits.
+    """
     mechanism = load("five_bar")
     reference = Reference(mechanism)
     # At these inputs the ends of the cranks coincide.
@@ -308,6 +314,7 @@ def folded_dyad(distances: Sequence[float]) -> Iterator[Row]:
         )
         motion = PositionAnalysis(mechanism, path=path).motion()
         nearest = np.argmin(np.abs(np.array(distances) - REFERENCE_DISTANCE_RAD))
+        # Newton's method in 90 digits starts from this configuration at all points.
         start = exact(motion.values[nearest])
         points = [
             Point(sign * distance, inputs, start)

@@ -129,8 +129,11 @@ def export(
     path
         The file. Its ending says what is written:
 
-        - ``.npz``: a model of functions that replace the mechanism (see `load_reduced`),
-        - ``.csv`` or ``.h``: a coupling table for controllers. The header in C has a
+        - ``.npz``: a reduced model. It stores functions of the mechanism, such as its
+          inertia, and replaces the mechanism in simulation and control (see
+          `load_reduced`).
+        - ``.csv`` or ``.h``: a coupling table for controllers. It has the variables of
+          passive pairs and their rates on a grid of the inputs. The header in C has a
           function that reads the table.
         - ``.c`` (C99), ``.hpp`` (C++), ``.mjs`` or ``.js`` (JavaScript), ``.py`` (NumPy),
           ``.jl`` (Julia): source code of formulas,
@@ -140,21 +143,21 @@ def export(
     to
         What to write if several kinds have the ending. ``"coupling"`` writes a coupling
         table as archive ``.npz`` (see `load_coupling`). ``"casadi"`` writes Python that
-        makes a function of CasADi. ``"model"`` writes the functions of a model of one input
-        as source code.
+        makes a function of CasADi. ``"model"`` with the ending of a programming language
+        writes a reduced model of one input as source code.
     input_pair
         The driven pairs, by default the inputs of the mechanism.
     assembly_mode
         Number or name of the assembly mode. The default is the first one; source code of
         formulas and a coupling table have all modes by default.
     poles
-        For models and coupling tables: the poles (axes of the relative rotation of two
-        links) that are stored. By default, a model of one input has all poles. Other models
-        and coupling tables have none.
+        For reduced models and coupling tables: the poles (axes of the relative rotation of
+        two links) that are stored. By default, a model of one input has all poles. Other
+        models and coupling tables have none.
     tolerance
-        For models and coupling tables: the error allowed. In a model it is relative to the
-        largest value of each function, by default 1e-13 with one input and 1e-11 with
-        several. In a coupling table it is the error of angles in rad, by default 1e-6.
+        For reduced models and coupling tables: the error allowed. In a model it is relative
+        to the largest value of each function, by default 1e-13 with one input and 1e-11
+        with several. In a coupling table it is the error of angles in rad, by default 1e-6.
     pairs
         For coupling tables: the passive pairs that are stored, by default all.
     samples

@@ -232,8 +232,8 @@ class Kinematics:
     def variable_coefficient(self, pair: str, moving: str | None = None) -> Floats:
         """Return the rate (n,) of a joint's variable per unit rate of the input.
 
-        There is one value for each row (one input in one assembly mode). The other inputs
-        are locked.
+        Each of the n rows is one sample of the inputs in one assembly mode. With several
+        inputs, `moving` is the driven pair that moves while the others are locked.
 
         Raises
         ------
@@ -342,7 +342,8 @@ class Kinematics:
     def direction_dq_error_bound(self, pole: str, moving: str | None = None) -> Floats:
         """Return a bound (n,) of the error of `direction_dq`, 1/rad.
 
-        The bound is for the length of the error vector.
+        `direction_dq` is the derivative of the direction of a pole axis with respect to the
+        input. The bound limits the length of the error vector of this derivative.
         """
         links = self._pole(pole)
         return self._drop_axis_if_single(

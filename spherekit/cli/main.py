@@ -200,9 +200,11 @@ def _system_message(error: Exception) -> str:
 def note(options: Namespace, *texts: str) -> None:
     """Print the texts that are not empty to stderr, unless ``--quiet`` is given."""
     hide_progress()
-    for text in texts:
-        if text and not options.quiet:
-            print(terminal_text(text), file=sys.stderr)
+    # If the program that reads stderr has ended, the command goes on without these texts.
+    with suppress(BrokenPipeError):
+        for text in texts:
+            if text and not options.quiet:
+                print(terminal_text(text), file=sys.stderr, flush=True)
 
 
 def print_json(data: Any) -> None:

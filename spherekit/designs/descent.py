@@ -456,8 +456,9 @@ class Descent:
             variable in its range (0 to 1).
         mode
             The assembly mode (way to assemble the mechanism). Designs that can be assembled
-            in this mode at fewer samples of the inputs than the first design are refused,
-            and so are designs that violate a condition on ``closes``.
+            in this mode at fewer samples of the inputs than the first design are refused.
+            The user can state conditions on the fraction of samples at which the mode can
+            be assembled (``closes``). Designs that violate them are refused, too.
         aim
             (k,) aims of the objectives.
 
@@ -474,10 +475,10 @@ class Descent:
         def scaled_functions(y: Floats) -> LinearisedFunctions | None:
             """Return the functions that the optimiser minimises or limits, at a design y.
 
-            They are (objective - aim) / scale for all objectives, and the conditions of the
-            synthesis. The caller wants objectives near `aim`, an array of one number for
-            each objective. `self.scales` makes objectives in different units comparable.
-            The result is None if the design is refused, or if a number is not finite.
+            The largest (objective - aim) / scale is minimised. `self.scales` makes
+            objectives in different units comparable. The limits are the smooth conditions
+            of the synthesis, which are violated where they are positive. The result is None
+            if the design is refused, or if a number is not finite.
             """
             values = self.evaluate(y, mode)
             # The mechanism can be assembled at fewer samples than at the start.

@@ -106,8 +106,12 @@ It is large enough that the solutions are well apart there.
 ProfileColumns = Callable[[Floats, Indices, Floats], Floats]
 """A function that returns the columns of profiles along paths.
 
-It takes variables (variables, k), the numbers (k,) of the paths and the path parameters
-(k,) from 0 to 1, and returns columns (w, k). They are NaN where there is no design.
+Columns are the nine numbers that describe a profile at its point of contact: the tangent
+(3), the point (3), the curvature and its first two derivatives.
+
+The function takes variables (variables, k), the numbers (k,) of the paths and the path
+parameters (k,) from 0 to 1. It returns columns (w, k), with w = 9 times the number of
+profiles. They are NaN where there is no design.
 """
 
 NO_INPUTS = np.zeros((0, 1)), np.zeros((0, 1))
@@ -116,17 +120,17 @@ NO_INPUTS = np.zeros((0, 1)), np.zeros((0, 1))
 
 @dataclass(frozen=True)
 class PathProfiles:
-    """Contact profiles (curves) of designs that lie on paths between two designs.
+    """Contact profiles of m designs, each of which lies on a path from design to design.
 
-    Sizes change along a path from one design to another. This class is only used if
-    profiles are not circles.
+    A contact profile is the curve on a link that touches another link. Sizes change along a
+    path from one design to another. Newton's method needs the profiles of the designs on
+    the way. If all profiles are circles, this class is not used.
 
     Attributes
     ----------
     columns_at
-        Function that returns the geometry of the profiles at their contact points: w
-        numbers, which are nine for each profile (tangent, point, curvature and its
-        derivatives).
+        Function that returns the columns of the profiles: nine numbers that describe each
+        profile at its point of contact (`ProfileColumns`).
     paths
         (m,) index of the path on which each design lies.
     parameters
@@ -142,7 +146,7 @@ class PathProfiles:
         return PathProfiles(self.columns_at, self.paths[indices], self.parameters[indices])
 
     def evaluate(self, values: Array) -> Floats:
-        """Return the columns (w, m) at pair variables (variables, m) in rad."""
+        """Return the columns (w, m) of profiles at pair variables (variables, m) in rad."""
         return self.columns_at(values, self.paths, self.parameters)
 
 

@@ -695,11 +695,12 @@ class VariedMechanism:
         return replace_actions(self.mechanism, changed_document)
 
     def _contact_numbers(self, mechanism: Mechanism) -> list[float]:
-        """Return the numbers of the linkage that moves like a mechanism with contacts.
+        """Return the numbers that describe the contacts of one design for the kernel.
 
-        A linkage without contacts can replace a mechanism with circular contacts. Its
-        numbers are angles (rad) and ratios of wheels. The list is empty if contacts are not
-        replaced.
+        The kernel is a function that computes many designs at once. It may use a linkage
+        that moves like the mechanism, but has no contacts. The numbers are angles (rad) of
+        this linkage, and ratios of wheels. The list is empty if the kernel uses no such
+        linkage.
 
         Parameters
         ----------
@@ -710,6 +711,7 @@ class VariedMechanism:
         ------
         _OtherFormError
             If other contacts slide or other wheels roll than in the mechanism of the file.
+            The kernel does not apply to such a design.
         """
         if self.equivalent_linkage is None:
             return []

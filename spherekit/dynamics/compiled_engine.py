@@ -507,7 +507,8 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
         problem,
         run.end_time,
         state=end_states.states[0],
-        # Row i has the weights of the pair variables' rates in the rate of coordinate i.
+        # A state has momenta of coordinates, one for each degree of freedom. The rate of a
+        # coordinate is a weighted sum of the rates of the pair variables.
         rate_weights=end_states.rate_weights[0],
         whole_turns=TURN * end_states.turns[0],
     ):

@@ -217,16 +217,18 @@ class Loads:
         speed: Floats,
         t: Floats,
     ) -> Floats:
-        """Return the values (n, laws) of the laws of load components.
+        """Return the values (n, laws) of laws, which give the magnitudes of loads.
 
-        A law is an expression, a Python function or a table. Its value is the magnitude of
-        a component. For friction it is the magnitude per unit of its coefficient and of the
-        carried load.
+        A load consists of components, for example the three components of a force. Each has
+        a magnitude. A law is the expression, Python function or table from which the
+        magnitude follows. For friction of a bearing or contact, the value of the law still
+        has to be multiplied by the coefficient of friction and the carried load.
 
         Parameters
         ----------
         laws
-            The expressions, Python functions and torque tables.
+            Laws of components, or other expressions of the same variables, such as
+            `steep_arguments`.
         motion
             Configurations in n rows, and their derivatives with respect to m coordinates.
         speed

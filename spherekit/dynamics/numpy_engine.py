@@ -786,13 +786,15 @@ class Collocation:
     def _find_rate_weights(self, step: CollocationStep, fractions: Floats) -> Floats:
         """Return the weights that define the coordinates at times within a step.
 
-        The rate of coordinate i is row i of the weights times the rates of the pair
-        variables (joint angles). With several degrees of freedom, the weights are the same
-        in the whole step.
+        `EquationOfMotion.evaluate` needs the weights. The rate of coordinate i is row i of
+        the weights times the rates of the pair variables (joint angles). With several
+        degrees of freedom, the weights are the same in the whole step.
 
         With one degree of freedom, the coordinate is the arc length of the curve of
-        configurations. The weights only show in which direction along the curve this arc
-        length increases. For this, tangents at the nearest nodes are accurate enough.
+        configurations, and the weights are the unit tangent of this curve. `evaluate` then
+        computes the exact tangent itself. From the weights it only takes in which of the
+        two directions the arc length increases. So the tangent at the nearest node of the
+        step is accurate enough.
 
         Parameters
         ----------

@@ -578,8 +578,8 @@ class StoredModel:
         """Function that returns the torques at one point, as a list of floats.
 
         A point is a value of the coordinates. The argument is one list: the values of
-        `evaluate_configuration`, then the rates, the accelerations, the time and the
-        torques of tables.
+        `evaluate_configuration`, then the rates, the accelerations, the time, and the
+        present torques of the loads that are tables over time.
         """
         heading = self.heading
         return float_function(
@@ -590,13 +590,15 @@ class StoredModel:
     def _configuration_symbols(self) -> list[ExpressionNode]:
         """Symbols of the stored functions in the expressions of the torques, each once.
 
-        A model stores functions of the configuration alone. The symbols are arguments of
-        the function that computes the torques at a single point.
+        Stored functions depend on the configuration alone, such as the inertia. The model
+        has their Chebyshev series. The torques are expressions of these functions and of
+        the motion. `evaluate_configuration` returns the values of the functions in the
+        order of these symbols. `_evaluate_torques` takes the values in the same order.
         """
         heading = self.heading
         if heading.is_curve:
-            # There is one coordinate x. Simulations expect the inertia B and dB/dx as the
-            # first functions.
+            # There is one coordinate x. The inertia B and dB/dx come first, because
+            # simulations take the first two values of `evaluate_configuration` as these.
             first_symbols = symbols(["B", heading.derivative("B")])
         else:
             first_symbols = []
@@ -605,7 +607,8 @@ class StoredModel:
         configuration_symbols = []
         for node in nodes:
             is_symbol = node.operation == "variable"
-            # Rates, accelerations, time and torques of tables are no stored functions.
+            # The motion symbols are rates, accelerations, the time, and the present torques
+            # of loads that are tables over time. All others are stored functions.
             is_stored_function = node not in heading.motion_symbols
             if is_symbol and is_stored_function:
                 configuration_symbols.append(node)
@@ -688,25 +691,28 @@ class StoredModel:
     ) -> "PointRows":
         """Return points of the model as rows, one for each point.
 
-        The points may be arrays of several axes. Coordinates, derivatives and times are
-        broadcast together by the rules of NumPy.
+        A user may pass one point, or arrays of points with several axes. The stored
+        functions take rows only. Coordinates, derivatives and times are broadcast together
+        by the rules of NumPy.
 
         Parameters
         ----------
         coordinates
-            The coordinates (rad): (...) if the model is along a curve, which has a single
-            coordinate, and (..., m) if the m inputs are the coordinates.
+            The coordinates (rad). A model along a curve has a single coordinate, in any
+            shape (...). Otherwise the m inputs are the coordinates, with the shape (n, m),
+            or (m,) for one point.
         derivatives
-            Rates and accelerations of the coordinates, or none, with the same axes, or one
-            number for all.
+            Rates and accelerations of the coordinates, or none. Each has the same axes as
+            the coordinates, or is one number for all.
         t
             Times, s.
 
         Raises
         ------
         SolveError
-            If the array of m inputs, or of their derivatives, has a wrong shape, or if a
-            single point is outside the domain.
+            If the array of m inputs, or of their derivatives, has a wrong shape. Also if
+            one point of shape (m,) is passed, and is outside the domain. Points in other
+            arrays are not compared with the domain here.
         """
         arrays = [np.asarray(x, dtype=float) for x in (coordinates, *derivatives)]
         if self.heading.is_curve:

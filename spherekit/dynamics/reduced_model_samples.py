@@ -732,10 +732,15 @@ class CurveSampler(Sampler):
         return np.sum(pair_axes, axis=0)
 
     def _store_second_lap(self) -> None:
-        """Extend the stored directions to two laps if an axis is reversed after one.
+        """Extend the stored directions to two laps if a pole axis is reversed after one.
 
-        The curve is closed, so the second lap has the same configurations. After two laps
-        all directions repeat.
+        A pole is the axis of relative rotation of two links. `stored_directions` has a
+        direction of each pole at points along the closed curve of configurations. A lap is
+        one passage around this curve.
+
+        The direction of a reversed axis would jump where the next lap begins. The second
+        lap is therefore stored, too. It has the same configurations, but the opposite
+        directions of reversed axes. After two laps all directions repeat.
         """
         reversed_poles = []
         for pole, directions in self.stored_directions.items():

@@ -51,8 +51,8 @@ class TabulatedMotion:
     t
         (n,) times, s.
     x
-        (n,) coordinate along the curve, rad: the input variable if its name in the heading
-        of the model is "q", and the arc length of the curve if it is "s".
+        (n,) coordinate along the curve, rad. The model names it in `StoredHeading.by`: "q"
+        is the variable of the input, and "s" is the arc length of the curve.
     values, value_rates
         (n, variables) pair variables and their rates, rad and rad/s.
     q, dq
@@ -100,11 +100,14 @@ def simulate_reduced(
 ) -> TabulatedMotion:
     """Return the motion of a reduced model at given times, integrated by SciPy's LSODA.
 
+    A reduced model stores functions of a mechanism, such as its inertia, and replaces the
+    mechanism in simulation and control.
+
     Parameters
     ----------
     model
-        A reduced model of a mechanism with masses. `StoredModel.with_torque` adds a driving
-        torque to a model.
+        A reduced model of a mechanism with masses and one input. `StoredModel.with_torque`
+        adds a driving torque to a model.
     times
         (n,) increasing times, s. The motion starts at the first one.
     x, dx
@@ -114,8 +117,8 @@ def simulate_reduced(
     tolerance
         Intended error of x, from 1e-12 to 1e-2 rad.
     switches
-        Times (s) at which expressions of loads have kinks. The kinks of torque tables need
-        not be given.
+        Times (s) at which expressions of loads have kinks. The integrator can step over a
+        kink that is not given. The kinks of torque tables are known and need not be given.
     angle_unit
         Unit of `x` and `dx`, ``"rad"`` or ``"deg"`` (and per s). The result is in rad.
 

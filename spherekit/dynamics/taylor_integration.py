@@ -145,8 +145,8 @@ class Segment:
     turns
         (variables,) how many whole turns were subtracted from each variable.
     momentum_unit
-        Unit (square root of J) by which momenta in the series are divided. A momentum is
-        the root of an inertia times a rate. Works are divided by the square of this unit.
+        Unit, sqrt(J), by which momenta in the series are divided. A momentum is a rate
+        times the square root of an inertia. Works are divided by the square of this unit.
     work
         (loads,) work of each load before the segment, J.
     """
@@ -163,13 +163,13 @@ class Segment:
         """Return the states and their time derivatives (n, states) at times (n,) in s.
 
         A state has the pair variables, the momenta and the work of each load, in SI units.
-        The variables are without the whole turns that were taken off for this segment
-        (group of steps). Works are counted from the start of the simulation.
+        The variables are without the whole turns (`turns`) that were subtracted for this
+        segment. Works are counted from the start of the simulation.
         """
         step = np.searchsorted(self.starts[1:], t, side="right")
         states, rates = _evaluate_series(self.series[step], t - self.starts[step])
-        # Momenta (root of an inertia times a rate, root of J) are divided by a unit in the
-        # series. Works (J) are divided by the square of this unit.
+        # In the series, momenta are divided by a unit, and works by the square of this
+        # unit.
         work_unit = self.momentum_unit**2
         for array in (states, rates):
             array[:, self.layout.momentum_slice] *= self.momentum_unit

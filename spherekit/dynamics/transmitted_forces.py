@@ -1014,6 +1014,8 @@ class AppliedLoads:
 def sum_applied_loads(driven: DrivenState) -> AppliedLoads:
     """Return the sums of all loads and driving torques on links and at pairs (joints).
 
+    They are known terms in the equations of equilibrium.
+
     A load consists of components, each with a magnitude. A component at a pair is a torque
     about its axis, or about the normal of a contact. Other components act on links, with a
     moment about the centre O and a force in proportion to the magnitude. A wrench has the
@@ -1037,6 +1039,7 @@ def sum_applied_loads(driven: DrivenState) -> AppliedLoads:
     for magnitude, component in zip(magnitudes.T, loads.components, strict=True):
         if component.pair:
             torques[:, mechanism.pair_number[component.pair]] += magnitude
+        # A component at a pair has no unit wrenches on links.
         for wrench in loads.unit_wrenches(component, motion.rotations):
             link_wrenches[:, wrench.link, :3] += magnitude[:, None] * wrench.moment
             link_wrenches[:, wrench.link, 3:] += magnitude[:, None] * wrench.force

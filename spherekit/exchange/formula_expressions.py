@@ -222,9 +222,10 @@ class ModeTable(NamedTuple):
     largest_difference
         Largest difference (rad) of a joint angle between the formulas and the mechanism.
     smooth
-        Numbers that select each mode in the formulas, by intervals of the input. A mode
-        that continues smoothly where curves of configurations cross has other numbers
-        beyond the crossing. The value is None if each mode has the same numbers everywhere.
+        The mode values of each mode by intervals of the input. Mode values are the numbers
+        that select a mode in the formulas, such as the signs of its dyads (groups of two
+        links). Where curves of configurations cross, a mode continues smoothly, but its
+        mode values can change. None if each mode has the same mode values everywhere.
     """
 
     modes: tuple[Mode, ...]

@@ -231,9 +231,10 @@ class ImportedDynamics:
 
         MuJoCo can add a moment of inertia (armature) about the axis of a hinge, such as the
         inertia of a motor's rotor. If the hinge is on the ground, a thin disc that turns
-        with the link has the same effect. The moments of the disc about the other two axes
-        are half as large. If the hinge joins two moving links, no rigid body has this
-        effect, so the armature is left out with a note.
+        with the moving link has the same effect. The moments of the disc about the other
+        two axes are half as large. The tensor of the disc is added to that of the link. If
+        the hinge joins two moving links, no rigid body has this effect. The armature is
+        then left out with a note.
         """
         rotors: dict[int, Floats] = {}
         for pair in self._linkage.pairs:
@@ -242,7 +243,8 @@ class ImportedDynamics:
             is_joint = pair.joint >= 0
             armature = self._armature[pair.joint] if is_joint else 0.0
             if armature and 0 in pair.links:
-                # The ground, link 0, is the second link if its body is welded to the world.
+                # The ground is link 0. Either link can be the ground: the second one is, if
+                # the body that the hinge carries is welded to the world.
                 moving_link = max(pair.links)
                 disc = 0.5 * armature * (np.eye(3) + np.outer(pair.axis, pair.axis))
                 rotors[moving_link] = rotors.get(moving_link, np.zeros((3, 3))) + disc

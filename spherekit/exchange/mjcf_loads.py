@@ -48,9 +48,9 @@ class MujocoLoads:
     actuator_loads
         Other loads, each with the attributes of the actuator (drive) that exerts it in
         MuJoCo. An actuator without a control signal can exert a torque b0 + b1 angle + b2
-        rate at a pair, with constants b. Such an actuator can also exert a constant force
-        or moment on a link. Such a load acts at a site (marked point of a body). In the
-        attributes, the name of the load stands for the name of the site.
+        rate at a pair, with constants b. It can also exert a constant force or moment on a
+        link, at a site (marked point of a body). The names of sites are chosen later. Until
+        then, the attributes have the name of the load in place of the name of a site.
     reason_by_omitted_load
         For each load that MuJoCo cannot express, by name, the reason.
     approximations
@@ -67,7 +67,8 @@ class MujocoLoads:
     def loaded_pairs(self) -> list[str]:
         """Pairs (joints) at which a load or a limit acts.
 
-        These pairs have to be joints in MuJoCo, since no torque can act at a constraint.
+        The export can replace a pair that closes a loop by a constraint of MuJoCo. No
+        torque can act at a constraint, so the pairs returned here have to become joints.
         """
         torque_pairs = [
             load.pair for load, _ in self.actuator_loads if isinstance(load, PairTorque)
@@ -179,7 +180,8 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
     - ``biasprm``: three factors b. The magnitude, by which ``gear`` is multiplied, is
       b[0] + b[1] length + b[2] rate. At a joint the length is its angle.
 
-    In the result, the name of the load stands for the names of ``site`` and ``refsite``.
+    The names of sites are chosen later. Until then, ``site`` and ``refsite`` have the name
+    of the load in place of the name of a site.
 
     Parameters
     ----------

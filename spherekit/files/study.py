@@ -262,8 +262,9 @@ class Study:
         Error (rad) of each step of a simulation.
     crossings
         What happens where curves of configurations cross. With "end", assembly modes keep
-        the signs of their dyads, and a simulation ends there. With "pass", modes and
-        simulations follow the smooth curves.
+        the signs of their dyads, and a simulation ends there. A dyad is two links with
+        three R pairs, and its sign is one of two ways to assemble it. With "pass", modes
+        and simulations follow the smooth curves.
     verify
         Number of rows that are computed once more in 50 digits.
     degrees
@@ -273,7 +274,8 @@ class Study:
         command `spherekit run` writes to them. The function `spherekit.run` does not: it
         writes only to the folder and the recorder that it gets as arguments.
     locate
-        Function that returns an error about a key, with the file and the line of the key.
+        Function that makes an error from a key of the study file (a tuple of its parts) and
+        a message. The error names the file and the line of the key. None without a file.
     """
 
     name: str

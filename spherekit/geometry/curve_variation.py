@@ -198,7 +198,9 @@ class MovingFit:
 
 
 def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
-    """Return the smooth curve through moving points, and its derivative.
+    """Return the smooth curve through points that a design variable moves.
+
+    The result has the derivatives of the curve with respect to this variable.
 
     The curve is a spline. The knots are the parameters of the points. Knots should be
     nearly arc lengths, which depend on the spline. The spline is therefore fitted several
@@ -258,26 +260,30 @@ def _make_moving_points(points: Floats, change: Floats, closed: bool) -> Floats:
 def _differentiate_fit(
     path: SplinePath, moving_points: Floats, knot_step_rates: Floats
 ) -> MovingFit:
-    """Return a spline through points that a design variable moves, with its derivative.
+    """Return a spline with its derivatives with respect to a design variable.
+
+    The variable moves the points of the spline. The curve is fitted several times. The arc
+    lengths of the panels (pieces between successive points) are the knot steps of the next
+    fit. So the derivatives of the panel lengths are computed, too.
 
     Parameters
     ----------
     path
-        The spline through the same points, with real numbers.
+        The same spline with real numbers, without derivatives.
     moving_points
         (panels + 1, 3) its points, which carry their derivatives as complex steps: the
         imaginary part of a number is its derivative times a tiny number.
     knot_step_rates
-        (panels,) derivatives of the differences of successive knots. Knots are the
-        parameters of the points. All derivatives are with respect to the design variable.
+        (panels,) derivatives of the knot steps, the differences of successive knots. Knots
+        are the parameters of the points.
     """
     # The first knot is 0 and does not move. SciPy has no splines with complex knots, so
     # `quintic_panels` computes the same spline.
     knot_rates = np.append(0.0, np.cumsum(knot_step_rates))
     moving_knots = add_complex_step(path.knots, knot_rates)
     spline = quintic_panels(moving_knots, moving_points, path.closed)
-    # The function `spline` was made with the moving knots. A `SplinePath` stores knots too,
-    # but computes nothing from them. It gets the knots without complex steps.
+    # A `SplinePath` computes points and speeds with the function `spline` only, which was
+    # made with the moving knots. The knots stored in the path may be real.
     moving_path = SplinePath(spline, path.knots, path.closed)
 
     # The arc lengths s(u, x) at the knots u depend on the design variable x in two ways:

@@ -492,12 +492,18 @@ class _OrientationCells:
     def _update_deepest(self, quaternions: Floats, margins: Floats) -> None:
         """Store the deepest of some orientations, if it is the deepest so far.
 
+        The deepest orientation of all is a result: the place farthest inside the set
+        (`Orientations.place`). The set has the orientations at which all margins are at
+        least 0. A margin is a function of the orientation that is negative where, for
+        example, a limit is exceeded.
+
         Parameters
         ----------
         quaternions
-            (m, 4) unit quaternions xyzw.
+            (m, 4) unit quaternions xyzw of the orientations.
         margins
-            (m, k) their margins. The depth of an orientation is the smallest of them.
+            (m, k) margins at these orientations. The depth of an orientation is the
+            smallest of its k margins.
         """
         depths = smallest_margins(margins)
         best = int(np.argmax(depths))
@@ -674,12 +680,14 @@ def _filled_fractions(polynomials: Floats) -> Floats:
 def _curvature_correction(
     mean_difference: Floats, value_range: Floats, squared_gradient: Floats
 ) -> Floats:
-    """Return d S / g^2, which is added to estimated fractions of subcells at the border.
+    """Return the corrections d S / g^2 of fractions of subcells at a curved border.
 
-    Cells of the space of orientations are divided into subcells. The estimated fraction of
-    a subcell in which a polynomial f is positive is 1/2 + f / S. The sum over subcells is
-    right at a plane border f = 0. At a curved border the sum needs this correction, which
-    assumes that the gradient has the same length on both sides of the border.
+    Cells of the space of orientations are divided into subcells. `_filled_fractions`
+    estimates the fraction of a subcell in which a polynomial is positive as 1/2 + f / S.
+    Here f is the value at the centre, and S the range of values in the subcell. The border
+    is where the polynomial is 0. At a plane border the sum over all subcells is right. At a
+    curved border the sum needs this correction, which assumes that the gradient has the
+    same length on both sides of the border.
 
     Parameters
     ----------
@@ -700,10 +708,12 @@ def _curvature_correction(
     A. Primes denote derivatives with respect to t. L is the Laplacian of f. The subcell is
     a unit cube.
 
-    1. Let t take all values from -S/2 to S/2. At the centre of a subcell, f > t holds for
-       the fraction 1/2 + f / S of these values. So the sum of all fractions is the mean of
-       V(t). By the Taylor series V(0) + V' t + V'' t^2 / 2, this mean is
-       V(0) + V'' S^2 / 24. The last term is the error of the sum.
+    1. Let t take all values from -S/2 to S/2. The fraction 1/2 + f / S of these values is
+       smaller than f at the centre of a subcell. For one t, the number of centres with
+       f > t is about V(t), because each subcell has the volume 1. So the sum of the
+       fractions of all subcells is the mean of V(t) over all t. By the Taylor series
+       V(0) + V' t + V'' t^2 / 2, this mean is V(0) + V'' S^2 / 24. The last term is the
+       error of the sum.
     2. If t rises by dt, the border moves by dt / g along its unit normal, so V' = -A / g.
        The area of a moving surface grows per distance by A times the divergence of the
        unit normal. The normal is the gradient divided by g. As g is assumed constant, the
@@ -711,8 +721,9 @@ def _curvature_correction(
        is too small by A L S^2 / (24 g^3).
     3. The Laplacian follows from d, because the mean of f over a unit cube exceeds the
        value at its centre by L / 24. So the sum is too small by A d S^2 / g^3.
-    4. Fractions between 0 and 1 belong to a layer at the border with the thickness S / g
-       and the volume A S / g. Its subcells share the correction: each gets d S / g^2.
+    4. Subcells with fractions between 0 and 1 have f from -S/2 to S/2 at their centres.
+       They form a layer at the border with the thickness S / g and the volume A S / g. They
+       share the correction, so each gets d S / g^2.
     """
     return mean_difference * value_range / squared_gradient
 

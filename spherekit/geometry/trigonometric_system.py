@@ -1222,10 +1222,12 @@ def _start_angles_of_three(equations: Numbers, first_angles: Complexes) -> Compl
 
 
 def _last_angles(forms: Complexes) -> Complexes:
-    """Return two values of the last angle, from two equations that contain only it.
+    """Return two possible values of the last angle, from two equations in it alone.
 
-    A form (c0, c1, c2) is an equation c0 + c1 cos + c2 sin = 0 in one angle, with two
-    zeros. At a solution of the system, both forms have one zero in common.
+    The other angles have been inserted in these equations. A form (c0, c1, c2) is an
+    equation c0 + c1 cos + c2 sin = 0 in one angle, with two zeros. At a solution of the
+    system, both forms have one zero in common. It is not identified here. Both zeros of one
+    form are returned, and `_best_starts` selects by the residuals.
 
     Parameters
     ----------

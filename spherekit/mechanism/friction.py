@@ -33,9 +33,9 @@ class Bearings(BearingFriction):
     """The bearings of an R pair, with Coulomb friction that follows from its reaction.
 
     The friction torque is -(coefficient radius F tanh(v' / speed)) at the rate v' of the
-    pair. F is the sum of the absolute forces on the bearings. If `axial` is stated, F has
-    the radial and axial forces. Otherwise F has only the forces that support the couple
-    (moment of the reaction).
+    pair. F is the sum of the absolute forces on the bearings. These forces exert the moment
+    about the centre of the sphere that the pair transmits. If `axial` is stated, the
+    bearings also exert the axial force and, if there are two, the radial force.
 
     Attributes
     ----------
@@ -44,9 +44,9 @@ class Bearings(BearingFriction):
     pair
         Name of the R pair.
     positions
-        Distances of the bearings from the centre of the sphere, along the axis (m). A
-        single bearing supports the pair together with the centre of the sphere. Two
-        bearings support a couple.
+        Distances of one or two bearings from the centre of the sphere, along the axis (m).
+        The moment needs two opposite forces. Two bearings exert both of them. With a single
+        bearing, the second force acts at the centre, and is not part of F.
     radius
         Radius at which the friction acts (m).
     coefficient
@@ -55,7 +55,8 @@ class Bearings(BearingFriction):
         Rate (rad/s) below which the jump of Coulomb's law is smoothed.
     axial
         Share of the axial force that each bearing supports: 1 for a fixed bearing, 0 for a
-        floating one. If all are 0, the links can slide along the axis. None: not stated.
+        floating one. The shares add up to 1. If all are 0, the links can slide along the
+        axis. None: not stated.
     """
 
     kind = "bearings"

@@ -110,11 +110,16 @@ class Gravity(Load):
     acceleration: Vector
 
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
-        """Check the acceleration, and that all moving links with inertia have a weight.
+        """Check that the weights of all moving links with inertia can be computed.
 
-        `key` is the key of the load in the mechanism file, for messages. A `ModelError` is
-        raised if no moving link has an inertia. Another one is raised if a moving link has
-        an inertia tensor, but no mass or centre of mass.
+        The weights need a finite acceleration, and the mass and the centre of mass of each
+        such link. `key` is the key of the load in the mechanism file, for messages.
+
+        Raises
+        ------
+        ModelError
+            If the acceleration is not finite, no moving link has an inertia, or one has an
+            inertia tensor, but no mass or centre of mass.
         """
         # The base class checks the fields, here the acceleration.
         super().check(key, mechanism)

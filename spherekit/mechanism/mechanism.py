@@ -406,7 +406,8 @@ class Mechanism:
             return self
         # A named assembly mode is given by angles of some pairs, among them all declared
         # inputs. If other pairs are driven, their angles can be missing, so the names are
-        # dropped. If no inputs were declared, the names are kept.
+        # dropped. If no inputs were declared, the names are kept. Those that lack the angle
+        # of an input are reported later (`assign_mode_names`).
         keeps_modes = not declared_names or declared_names == set(names)
         return replace(self, inputs=inputs, modes=self.modes if keeps_modes else {})
 
@@ -421,17 +422,22 @@ class Mechanism:
         axes: Mapping[str, ArrayLike] | None = None,
         values: Angles | None = None,
     ) -> "Mechanism":
-        """Return the same mechanism with other sizes, in the form of its file.
+        """Return the same mechanism with other sizes.
+
+        A mechanism is given in one of two forms, by the sizes of its links or by the axes
+        of its pairs in a reference pose. Sizes that are not named do not change.
 
         Parameters
         ----------
         angle_unit
             Unit of all angles, ``"deg"`` or ``"rad"``.
         arcs, angles
-            Sizes by link: a number if the link has only one, all of them in a sequence, or
-            some of them by the pair to which they lead, as in ``{"3": {"43": 70.0}}``.
+            For a mechanism given by sizes, the sizes by link: a number if the link has only
+            one, all of them in a sequence, or some of them by the pair to which they lead,
+            as in ``{"3": {"43": 70.0}}``.
         zeros
-            Angle at which the variable of a pair is zero, by pair.
+            For a mechanism given by sizes, the angle at which the variable of a pair is
+            zero, by pair.
         axes, values
             For a mechanism given in a reference pose, by pair: its axis (3,) of any length,
             and the value of its variable.
@@ -439,7 +445,8 @@ class Mechanism:
         Raises
         ------
         ModelError
-            If a link or R pair is unknown, sizes are impossible, or of the other form.
+            If a link or R pair is unknown, a size is impossible, or an argument belongs to
+            the other form.
 
         Examples
         --------

@@ -252,13 +252,13 @@ def find_wheel_contact(
         rotation @ wheel.centre
         for wheel, rotation in zip(wheels, orientations, strict=True)
     )
-    # Each circle has two opposite centres on the sphere. `Wheel.centre` is the one on the
-    # side of the common normal of both curves. With these centres, the smaller circle
-    # touches the larger one from inside. The contact point is on the great circle through
-    # both centres. The arc from the first centre to the contact point is the first radius
-    # (rad). The arc leads towards the second centre if the first circle is larger,
-    # otherwise in the opposite direction. `across` is the part of the second centre
-    # perpendicular to the first.
+    # Each circle has two opposite centres on the sphere. Where the wheels touch, both
+    # curves have the same normal. A great circle from the contact point along this normal
+    # leads to both centres `Wheel.centre`. The arc to each centre is the radius (rad).
+    #
+    # So the arc from the first centre back to the contact point leads towards the second
+    # centre if the second radius is smaller, otherwise away from it. `across` is the part
+    # of the second centre perpendicular to the first.
     across = second_centre - (first_centre @ second_centre) * first_centre
     size = np.linalg.norm(across)
     have_same_line = size < COLLINEAR_SINE

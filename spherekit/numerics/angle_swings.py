@@ -123,15 +123,17 @@ class PathSwing(NamedTuple):
 
 
 def _find_widest_swing(growth: Floats, begins_piece: Bools) -> PathSwing:
-    """Return the widest swing of an angle within a piece of a path.
+    """Return the widest swing of an angle over the pieces of a path of samples.
 
-    A piece is a part of the path in which the angle is known. A sample with an unknown
-    angle is a piece by itself, with the swing 0.
+    A swing is the difference of the largest and the smallest angle of a piece. Samples at
+    which the angle is unknown divide the path into pieces. Each such sample is a piece by
+    itself, too. Its swing is 0, so it is never wider than another swing.
 
     Parameters
     ----------
     growth
-        (k,) angles (rad) relative to the first sample, with full revolutions counted.
+        (k,) angles (rad) relative to the first sample, with full revolutions counted. Steps
+        from or to an unknown angle count as no change.
     begins_piece
         (k,) whether a piece of the path begins at a sample. True at the first sample.
     """

@@ -211,9 +211,9 @@ class DyadsWithClosingLink:
     def measure_turns(self, directions: Floats, rotations: Floats) -> Floats:
         """Return the angles of the output link about its direction, in given orientations.
 
-        The turn of the output link is its angle about the direction in which it points. If
-        the pointing axis of an orientation deviates from the direction, the turn is that
-        which fits the orientation best. The angles are starts for a search of the exact
+        The turn of the output link is its angle about the direction in which it points. A
+        given orientation may point in a slightly different direction. The result is then
+        the turn that fits the orientation best. A search of the exact turns starts at these
         turns.
 
         Parameters
@@ -226,16 +226,18 @@ class DyadsWithClosingLink:
         Returns
         -------
         (n,) turns (rad): angles from the first axis of `_axes_around` to the first row of
-        `pointer_frame`, which is fixed in the output link.
+        `pointer_frame`. Its rows are three axes that are fixed in the output link, the last
+        one along the direction in which the link points.
         """
-        # The images of the first two rows of `pointer_frame` in the given orientations, (3,
-        # n) each in the axes of the base. The transpose of the product (n, 3, 2) has the
-        # shape (2, 3, n).
+        # The first two rows of `pointer_frame` in the given orientations: vectors (3, n) in
+        # the axes of the base. The product has the shape (n, 3, 2), its transpose the shape
+        # (2, 3, n).
         x_image, y_image = (rotations @ self.pointer_frame[:2].T).T
         x_axis, y_axis = _axes_around(directions)
-        # At the turn t the images should be x cos t + y sin t and y cos t - x sin t. The
-        # sum of the scalar products of these vectors with the actual images is A cos t + B
-        # sin t. This sum is largest at t = atan2(B, A).
+        # With x and y for `x_axis` and `y_axis`: at the turn t, `x_image` should be
+        # x cos t + y sin t, and `y_image` should be y cos t - x sin t. The scalar products
+        # of these vectors with the actual images have the sum A cos t + B sin t. This sum
+        # is largest at t = atan2(B, A).
         sine = dot_columns(y_axis, x_image) - dot_columns(x_axis, y_image)
         return np.arctan2(sine, dot_columns(x_axis, x_image) + dot_columns(y_axis, y_image))
 

@@ -127,7 +127,9 @@ def find_configurations(
 
     Returns
     -------
-    The configurations. The inputs are in (-pi, pi] unless wheels count their turns.
+    The configurations. The inputs are in (-pi, pi]. If one revolution of an input does not
+    return all links to their orientations because of wheels, this input is reduced by
+    several revolutions, or not at all.
     """
     released_solver = solver if released is None else released
     # One entry for each configuration: row of the inputs, variables, signs of the dyads.
@@ -327,9 +329,13 @@ class ForwardKinematics:
         """Return every configuration found at some inputs, for any mechanism.
 
         Mechanisms of dyads (groups of two links and three R pairs) are computed in closed
-        form, and no configuration is missed unless `complete` is false. Others are solved
-        for one set of inputs after another. The returned inputs are reduced to (-pi, pi]
-        unless wheels count their turns.
+        form. Others are solved for one set of inputs after another. The attribute
+        `complete` of the result says for which inputs it is certain that no configuration
+        is missing.
+
+        The returned inputs are reduced to (-pi, pi]. If wheels roll on each other, one
+        revolution of an input may not return all links to their orientations. Such an input
+        is reduced by several revolutions, or not at all.
 
         Parameters
         ----------

@@ -181,19 +181,26 @@ class Inverse:
 class InverseKinematics:
     """The inverse kinematics of an output: the inputs at given poses of the output link.
 
+    Two virtual links with three R pairs are added between the two links of the output. The
+    angles of these pairs are the coordinates of the pose. They are driven in place of the
+    inputs. The position analysis of the extended mechanism then gives the inputs.
+
+    A pointing output is a direction that is fixed in the output link. It has only two
+    coordinates, and the third virtual pair turns freely about the direction.
+
     Parameters
     ----------
     mechanism
         A mechanism with two inputs and a pointing output, or three inputs.
     name
-        Name of the output, if it declares several.
+        Name of the output, if the mechanism declares several.
 
     Attributes
     ----------
     own
         The mechanism that was given, without virtual links.
     wrist
-        The virtual links and pairs that hold the output, and the mechanism with them.
+        The virtual links and pairs, and the mechanism with them.
     mechanism
         The mechanism with the virtual links, which is `wrist.mechanism`. Its inputs are the
         coordinates of the output.
@@ -208,7 +215,8 @@ class InverseKinematics:
     Raises
     ------
     ModelError, PlanError
-        If the output is not declared, or holding it leaves a part that is rigid or free.
+        If the output is not declared, there are neither two nor three inputs, or the pose
+        of the output cannot be prescribed freely.
     """
 
     @checked(SolveError)

@@ -558,7 +558,8 @@ class MidPlaneArchitecture:
 
         The end effector is the mirror image of the base in the mid-plane. The normal of
         this plane therefore determines the pose. Of the two opposite normals of a plane,
-        the one with z >= 0 is used.
+        the one with z >= 0 is used. The result has the configurations of the mechanism
+        along the rotation, as far as the mechanism can follow it.
 
         Parameters
         ----------
@@ -566,14 +567,19 @@ class MidPlaneArchitecture:
             Normals (3,) of the mid-planes of both poses, in mirror axes. These are a second
             set of axes fixed to the base, in which formulas are simplest.
         modes
-            (legs,) signs, 1 or -1, one for each leg at the start: the sign of normal .
-            (axis of the leg at the base x axis between its two links).
+            (legs,) signs, 1 or -1. Each leg has two links. The axis between them, the
+            elbow, has two possible positions at the start, and the sign chooses one. It is
+            the sign of n . (base axis x elbow), with the normal n and the axis of the leg
+            at the base.
 
         Raises
         ------
         SolveError
-            If `modes` is not a sign for each leg, the poses coincide or differ by half a
-            turn, a leg does not reach one, or no path begins at the start.
+            - If `modes` is not one sign for each leg.
+            - If a leg does not reach the mid-plane of a pose.
+            - If the poses coincide, or differ by half a turn.
+            - If the rotation can be followed neither from the start nor from a pose shortly
+              before it.
         """
         signs = np.asarray(modes, dtype=float)
         if signs.shape != (len(self.legs),) or not np.all(np.abs(signs) == 1.0):

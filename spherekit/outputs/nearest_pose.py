@@ -505,9 +505,10 @@ class NearestPoseSearch:
     def _find_inward_direction(self, chart: NormalCoordinates, point: Floats) -> Floats:
         """Return the direction from a point at the border into the workspace.
 
-        A margin is how much is left to one limit of the mechanism. The caller moves the
-        point by a short step in this direction. A margin is active if a step of this length
-        could make it negative. Along the direction, all active margins grow.
+        A margin is how much is left to one limit of the mechanism. Because of rounding
+        errors, the point can be slightly outside of the workspace. The caller therefore
+        moves it inside by one of the short `INWARD_STEPS` in this direction. Margins that
+        are zero or nearly zero are active. All active margins grow along the direction.
 
         Parameters
         ----------
@@ -524,10 +525,11 @@ class NearestPoseSearch:
         values, gradients = self._linearise_margins(chart, point[None])
         margins = values[0]  # (bounds,)
         margin_gradients = gradients[0]  # (bounds, d)
-        # The caller tries steps up to the longest of `INWARD_STEPS`. With a safety factor
-        # of 1000, larger margins cannot become negative.
+        # The caller tries all `INWARD_STEPS`. A margin above 1000 times the longest step
+        # stays positive, unless its slope exceeds 1000.
         longest_step = INWARD_STEPS[-1]
         is_small = margins < 1e3 * longest_step
+        # A margin with the gradient 0 prescribes no direction.
         has_gradient = np.linalg.norm(margin_gradients, axis=1) > 0.0
         is_active = is_small & has_gradient
         # Find the shortest vector x with normals @ x >= 1.

@@ -320,10 +320,12 @@ class TargetDeviation:
         return reactions.reshape(len(force), len(self.linearisation.tree.chords), 3)
 
     def _transmitted_moments(self, output_moment: Floats, reactions: Floats) -> Floats:
-        """Return the moments (n, variables, 3) that the pairs of all variables transmit.
+        """Return the moments (n, variables, 3) that pairs transmit, for each variable.
 
-        A moment on the output link is transmitted by the pairs on the path from body 0 (the
-        base) to this link. The reaction of a loop is transmitted by all pairs of the loop.
+        Each variable belongs to a pair (joint), and has the moment of this pair. A moment
+        on the output link is transmitted by the pairs on the path from body 0 (the base) to
+        this link. The reaction of a loop is transmitted by all pairs of the loop. The
+        moment of a pair is the sum of both.
 
         Parameters
         ----------

@@ -26,8 +26,8 @@ class CommonAxis(NamedTuple):
     pair
         Lowest index of an R pair about this axis.
     is_exact
-        Whether two R pairs about this axis on the same link have exactly equal or opposite
-        axis vectors there. Otherwise the vectors differ by rounding errors.
+        Whether, in each link, all R pairs about this axis have exactly equal or opposite
+        axis vectors. Otherwise some vectors differ by rounding errors.
     """
 
     links: frozenset[int]
@@ -38,13 +38,15 @@ class CommonAxis(NamedTuple):
 def find_common_axes(mechanism: Mechanism) -> tuple[CommonAxis, ...]:
     """Return the axes that several R pairs of one link have in common.
 
-    Examples are the coaxial wheels of a gear train. All links that such pairs join turn
-    about this axis relative to each other.
+    Examples are the axes of coaxial wheels in a gear train. All links that such pairs join
+    turn about the common axis relative to each other. So the common axis is the pole of any
+    two of these links (the axis of their relative rotation). Such poles are listed here,
+    because the Aronhold-Kennedy theorem cannot find them.
     """
     number = mechanism.pair_number
-    # Indices of two R pairs with the same axis in a common link, and of those pairs for
-    # which this is true only up to rounding.
+    # Couples of R pairs (by index) that have the same axis in a link that they share.
     coaxial_couples: list[tuple[int, int]] = []
+    # R pairs in a couple whose axis vectors differ by rounding errors.
     rounded_pairs: set[int] = set()
     for axes in link_axes(mechanism).values():
         for name_a, name_b in combinations(axes, 2):

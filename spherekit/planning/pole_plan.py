@@ -295,8 +295,11 @@ class Plan:
 
         A pole is the axis of the relative rotation of two bodies. Here several pairs in
         series join the bodies. Their axes should be one line, but the numbers of the
-        mechanism file are rounded, so the axes differ a little. `rounded_axes` has the
-        index of one pair of each such line. The step of a pole names the same pair.
+        mechanism file are rounded, so the axes differ a little. Such poles therefore get
+        larger error bounds.
+
+        A step of the plan says how one pole is found. Each line is represented by one of
+        its pairs, both in `rounded_axes` and in the steps.
         """
         return frozenset(
             step.pole

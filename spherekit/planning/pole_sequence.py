@@ -279,8 +279,10 @@ def _make_block(
 ) -> BlockPoles:
     """Return the step that computes all unknown poles of a part of the mechanism together.
 
-    A pole is the axis of the relative rotation of two bodies. This step is used where poles
-    do not follow one by one from known poles.
+    A body is one link, or several links that cannot move relative to each other while the
+    other inputs are locked. Its number is the smallest index of its links. A pole is the
+    axis of the relative rotation of two bodies. This step is used where poles do not follow
+    one by one from known poles.
 
     Parameters
     ----------
@@ -293,8 +295,8 @@ def _make_block(
     pass_number
         Number of the pass (round of the search) in which the part is solved.
     """
-    # The pairs between different bodies of the part. A locked input joins two links of one
-    # body (a = b), so it is not one of these pairs.
+    # The pairs between different bodies of the part. A pair between two links of the same
+    # body (a = b), such as a locked input, is not one of them.
     pairs = [n for n, (a, b) in enumerate(empty_plan.ends) if a != b and {a, b} <= part]
     return BlockPoles(
         links=tuple(sorted(part)),

@@ -330,8 +330,11 @@ class ConfigurationGraph:
         """Add configurations that are no nodes yet, equal ones as a single node.
 
         A node is one configuration at one sample (choice of the inputs). The sign of the
-        determinant of its closure Jacobian is stored with it. Two configurations with
-        opposite signs become one node only through one without a reliable sign.
+        determinant of its closure Jacobian is stored with it. Configurations with opposite
+        signs do not count as equal, because a singular configuration separates them. The
+        sign of a nearly singular configuration is not reliable and not compared. So this
+        configuration can be equal to two others with opposite signs. All three can then
+        become one node.
 
         Parameters
         ----------

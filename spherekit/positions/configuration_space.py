@@ -104,9 +104,10 @@ crossing fails, this is not reported as a problem.
 class Piece(NamedTuple):
     """A part of a configuration curve on which the input only rises or only falls.
 
-    All its configurations belong to one assembly mode. Configurations repeat after a period
-    of the input. A part of a curve gives one piece in each period within the range. The
-    input of a piece is that on the curve plus `shift`.
+    All its configurations belong to one assembly mode, and its inputs are in the given
+    range of the input. Configurations repeat after a period of the input. So the input on
+    the curve may be shifted by whole periods. Each shift that leads a part of the curve
+    into the range gives a piece.
 
     Attributes
     ----------
@@ -116,10 +117,11 @@ class Piece(NamedTuple):
         (variables,) configuration at the middle of the piece (rad), with `shift` added to
         the input.
     start, stop
-        Arc lengths (rad) of its ends. `stop` exceeds the length of a closed curve if the
-        piece contains the point s = 0.
+        Arc lengths (rad) of its ends on the curve. On a closed curve they begin at one
+        point. If this point is inside the piece, `stop` exceeds the length of the curve.
     shift
-        Whole periods of the input (rad), which lead from the curve to the range.
+        Whole periods of the input (rad). They are added to the input on the curve, which
+        gives the input of the piece.
     lowest, highest
         Smallest and largest input of the piece (rad), with `shift` added.
     """

@@ -38,8 +38,9 @@ class VariableBound(NamedTuple):
 class ContactLimit(NamedTuple):
     """A limit at which the two profiles of a contact pair have equal curvatures.
 
-    A curve of configurations ends there, because the contact does not determine how the
-    profiles move.
+    There the point of contact can move along both profiles at the same speed while the two
+    links rest relative to each other. The motion of the links therefore does not determine
+    the rates of the arc lengths, and a curve of configurations ends.
 
     Attributes
     ----------
@@ -96,8 +97,8 @@ class CurveLimits:
         The limits are:
 
         - the ends of open profiles,
-        - configurations in which two profiles in contact have equal curvatures, since such
-          profiles do not determine their motion,
+        - configurations in which two profiles in contact have equal curvatures, since the
+          motion of the links then does not determine that of the point of contact,
         - ranges of variables that the caller requires (`stops`).
 
         Parameters
@@ -140,7 +141,8 @@ class CurveLimits:
         """Return how far configurations are from the limits at which curves end.
 
         A limit is a bound of a variable, or a contact of two profiles with equal
-        curvatures. Such a contact does not determine how the profiles move.
+        curvatures, for which the motion of the links does not determine that of the point
+        of contact.
 
         Parameters
         ----------
@@ -179,8 +181,8 @@ class CurveLimits:
         """Return how far configurations are from equal curvatures of profiles in contact.
 
         The first profile must have a larger curvature than the second, by more than
-        `EQUAL_CURVATURE`. With equal curvatures the profiles do not determine their motion,
-        and beyond they overlap.
+        `EQUAL_CURVATURE`. With equal curvatures the motion of the links does not determine
+        that of the point of contact. Beyond this limit the profiles overlap.
 
         Parameters
         ----------

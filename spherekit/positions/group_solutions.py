@@ -51,11 +51,13 @@ class SolutionMethod(NamedTuple):
     description
         The method in words, for messages and summaries.
     doubt
-        A number from 0 to 1, by which methods are compared: 0 if no real mode can be
-        missing at the inputs that were examined, and larger if one may be. A random search
-        from many starts can miss a mode to which few starts lead. Its doubt is the largest
-        share of all starts that may lead to such a mode. It is 1 if modes were left out, or
-        may have been.
+        A number from 0 to 1 that is larger, the more likely a mode is missing:
+
+        - 0 if no real mode can be missing at the inputs that were examined.
+        - After a search from random starts, a share p of the starts. A mode to which more
+          than this share leads was almost certainly found.
+        - 1 if modes may have been left out because there are too many, or if nothing is
+          known about a search.
     """
 
     description: str

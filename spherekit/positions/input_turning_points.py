@@ -147,12 +147,12 @@ class InputTurningPoints(NamedTuple):
         return np.array(probes or [0.5 * (self.low + self.high)])
 
     def claim(self, step: float) -> Completeness:
-        """Return how complete the modes are that were computed at `probes(step)`.
+        """Return whether modes may be missing after a search at all `probes(step)`.
 
-        Modes appear and vanish only where two of them meet. If all such meetings are known,
-        one probe between each two of them is enough to know all modes. In doubtful
-        intervals, where a meeting may have been missed, a mode that exists only between two
-        probes may be missing.
+        A probe is an input at which all modes were computed. Modes appear and vanish only
+        where two of them meet. If all such meetings are known, one probe between each two
+        of them is enough to know all modes. A meeting may have been missed in a doubtful
+        interval. There, a mode that exists only between two probes may be missing.
 
         Parameters
         ----------
@@ -161,12 +161,12 @@ class InputTurningPoints(NamedTuple):
         """
         if self.low == self.high:
             return Completeness(Guarantee.COMPLETE, "all modes at the only input")
+        # The widest interval of the input (rad) in which a mode may be missing.
         gap = self.gap(step)
         if not gap:
             return Completeness(Guarantee.COMPLETE, self._describe_all_meetings())
         probe_text = f"{counted(len(self.probes(step)), 'value')} of the input"
-        # The level `TO_BOX` says that every mode is known that exists over an interval of
-        # the input wider than `gap`.
+        # At the level `TO_BOX`, each mode that exists over a wider interval is known.
         return Completeness(
             Guarantee.TO_BOX,
             reason=f"all modes at {probe_text}{self._describe_known_meetings()}",

@@ -150,15 +150,13 @@ class ModesOverRange:
         An assembly mode is one way to assemble the mechanism. Its configurations over the
         input form a curve. The mode of the reference pose (configuration that the file
         describes) is followed first. All others are searched if `search` is true, or if the
-        first step gives no mode in the range.
+        reference pose gives no mode in the range.
         """
         self.solver = solver
         self.input_grid = input_grid
-        # Results. `claim` says how complete the modes are. `methods` says how each group
-        # (links that are placed together) was solved. `probes` is the number of inputs at
-        # which modes were searched. Curves of modes cross at the configurations
-        # `crossings`.
+        # A group has the links that are placed together.
         self.groups = solver.assembly.groups
+        # The results. They are explained as attributes of the class.
         self.assembly_modes: list[AssemblyMode] = []
         self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
         self.claim = REFERENCE_ONLY
@@ -171,13 +169,13 @@ class ModesOverRange:
         self._components: list[int] = []
         self._curves: list[ArcCurve] = []
         self._curve_components: list[int] = []
-        # Degrees of freedom at each start, from the rank of the velocity equations. Only
-        # filled with redundant constraints, where counting links and pairs is wrong.
+        # Degrees of freedom at each configuration from which a mode was to be followed, by
+        # the rank of the velocity equations. The list stays empty unless constraints are
+        # redundant, because otherwise the numbers of links and pairs give them.
         self._mobilities: list[int] = []
         # Number of steps along the curves of modes so far, which is limited.
         self._steps_along_modes = 0
-        # Number of modes that `_follow_modes_beyond_their_ends` has treated, from the first
-        # on.
+        # Index of the first mode that `_follow_modes_beyond_their_ends` has still to treat.
         self._extended_modes = 0
         self._progress = ProgressReporter("searching assembly modes")
 
@@ -185,9 +183,9 @@ class ModesOverRange:
         if search or not self.assembly_modes:
             self.claim = self._search_all_modes()
         # If no mode was found, an error is raised unless the mobility (number of degrees of
-        # freedom) is 1. Singular configurations have a larger mobility than others, so the
-        # least one counts. `_mobilities` is empty if no constraints are redundant; the
-        # mobility is then 1.
+        # freedom) is 1. The mobility can be larger at singular configurations, so the least
+        # one counts. `_mobilities` is empty if no constraints are redundant, or if no
+        # configuration was found. The mobility then counts as 1.
         if not self.assembly_modes:
             mobility = min(self._mobilities, default=1)
             check_mobility(solver, mobility)
@@ -238,9 +236,10 @@ class ModesOverRange:
         # the curve misses the range.
         (curve,) = self._follow_configurations(values)
         self._add_mode(curve)
-        # With wheels, the pose can be outside the range, and its mode may end before the
-        # range begins. Another mode on the same curve of configurations may reach the
-        # range. `gear_phases` is None for a mechanism without wheels.
+        # The pose can be outside the range, and its mode may end before the range begins.
+        # Another mode on the same curve of configurations may reach the range. With wheels,
+        # this curve is followed here. Without wheels, the constructor then searches all
+        # modes. `gear_phases` is None for a mechanism without wheels.
         has_wheels = solver.gear_phases is not None
         if not self.assembly_modes and has_wheels:
             self._add_modes_on_curve(values[0])

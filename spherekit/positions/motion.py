@@ -74,8 +74,9 @@ class Motion(ArrayRows):
     search
         How the assembly modes were searched, and whether some can be missing.
     singular_error
-        (n,) bounds (rad) of the errors of the variables in rows near dead centres, infinite
-        if unknown. NaN in other rows.
+        (n,) bounds (rad) of the errors of the variables in rows where rounding errors of
+        angles can be large, as near dead centres. A bound is infinite if none could be
+        computed, and NaN in all other rows.
     """
 
     mechanism: Mechanism

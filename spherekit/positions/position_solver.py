@@ -80,8 +80,9 @@ class ModeConfigurations(ArrayRows):
     residual
         (n,) largest component of the closure errors of the loops (rad).
     singular_error
-        (n,) bounds (rad) of the errors of `values` near dead centres, where they can be
-        large, infinite if there is no bound. NaN at other samples.
+        (n,) bounds (rad) of the errors of `values` at samples where rounding errors of
+        angles can be large, as near dead centres. A bound is infinite if none could be
+        computed. It is NaN at all other samples.
     """
 
     values: Floats

@@ -298,7 +298,7 @@ def descend_to_closure(
 
 @dataclass(frozen=True)
 class WheelRepetition:
-    """How two wheels touch after rolling on by whole revolutions of one, or of both.
+    """How two wheels touch after one of them, or both, have made whole revolutions.
 
     This information serves to recognise configurations that differ only by such
     revolutions. A wheel has made whole revolutions if it touches at the same point of its
@@ -310,7 +310,7 @@ class WheelRepetition:
         Number of the wheel (a body) that has made whole revolutions.
     turned_wheel
         Number of the other wheel, if it touches at another point of its profile than
-        before. None if it has made whole revolutions, too.
+        before. Its orientation may then differ. None if it has made whole revolutions, too.
     """
 
     repeated_wheel: int
@@ -327,7 +327,8 @@ class RolledLength:
     Attributes
     ----------
     variable
-        Index of the variable in the group of bodies. It is an arc length (rad).
+        Index of the variable among those of the group of bodies. The value of the variable
+        is an arc length (rad).
     profiles
         The profiles (rims) of the two wheels.
     wheels
@@ -339,17 +340,17 @@ class RolledLength:
     wheels: tuple[int, int]
 
     def find_repetition(self, additional_length: float) -> WheelRepetition | None:
-        """Find the wheel that has made whole revolutions after both have rolled on.
+        """Find the wheel that has made whole revolutions while both rolled on each other.
 
         A wheel that has made whole revolutions touches at the same point of its profile as
-        before. This wheel is called the repeated wheel, and the other wheel the turned
-        wheel.
+        before. It is called the repeated wheel. If the other wheel touches at another point
+        of its profile, its orientation may differ. It is then called the turned wheel.
 
         Parameters
         ----------
         additional_length
-            Arc length (rad) by which the two wheels have rolled on. It is the same on both
-            profiles.
+            Arc length (rad) by which the two wheels have rolled on each other between two
+            configurations. The length is the same on both profiles.
 
         Returns
         -------

@@ -675,14 +675,16 @@ class Crossings:
     def _find_planar_configurations(self, position: Floats) -> Iterator[Array]:
         """Yield configurations near a position in which a loop of four pairs is planar.
 
-        In a planar loop all four axes are in one plane. Only loops are considered that are
-        proven to close in this way by their exact arcs. The equation of a loop contains two
-        of its pair angles as variables.
+        In a planar loop all four axes are in one plane. Curves of configurations can cross
+        there, and the caller uses such a configuration to prove a crossing. A planar loop
+        closes if the arcs of its links, with suitable signs, add up to whole turns. This is
+        tested with exact arcs, so `FourPairLoop.planar_closures` are proven.
 
         Parameters
         ----------
         position
-            (v,) values (rad) of all variables.
+            (v,) values (rad) of all variables. Configurations that are not near these
+            values are left out.
 
         Yields
         ------
@@ -690,8 +692,8 @@ class Crossings:
         """
         for loop in self.loops:
             for closure in loop.planar_closures:
-                # The planar closure gives the two variables of the loop, which satisfy its
-                # equation. The other equations determine all other variables.
+                # A planar closure has the two variables of the loop, which satisfy the
+                # equation of the loop. The other equations determine all other variables.
                 given = {variable: planar.angle for variable, planar in closure.items()}
                 configuration = complete_configuration(
                     self.equations, loop.equation, given, position

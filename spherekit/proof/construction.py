@@ -120,10 +120,11 @@ class ParentPaths:
     """The two paths of links that form a loop together with a closing link.
 
     A closing link is joined by two pairs (joints) to two links placed before, its parents.
-    Its equation contains the axes of both pairs, as vectors in the coordinates of one link.
-    The orientation of each link is known relative to its reference link. So a path leads
-    from each parent to its reference link, then to the reference of that, until both paths
-    meet.
+    Its equation contains the axes of both pairs. Both axes must be expressed in the
+    coordinates of the same link, the shared link. The orientation of each link is given
+    relative to its reference link. So each axis is transformed step by step: from the
+    parent to its reference link, then to the reference of that. The links on the way are
+    the path. It ends at the shared link, where both paths meet.
 
     Attributes
     ----------

@@ -313,9 +313,15 @@ class CurveSearch:
         """Replace chains that pass new saddles by chains that end at these saddles.
 
         A chain is a known configuration curve, as a row of certified arcs. A saddle is a
-        place where curves cross or narrowly miss each other, so a curve has separate parts
-        on its sides. A chain that passes a saddle is removed, and its parts are followed
-        again.
+        place where curves cross or narrowly miss each other. Four branches of curves, its
+        arms, leave it. A search is complete only if exactly one chain ends on each arm. So
+        a chain that passes a saddle is removed. The parts of its curve between saddles are
+        followed again, as separate chains.
+
+        Parameters
+        ----------
+        saddles
+            The new saddles.
         """
         untouched_chains: list[Chain] = []
         cut_chains: list[Chain] = []

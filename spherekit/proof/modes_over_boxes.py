@@ -366,11 +366,13 @@ class EquationSystem:
         )
 
     def _follow_roots(self, given: Floats) -> ChartRoots:
-        """Return approximate roots at some values of the given variables.
+        """Return approximations of all roots of this system, which are then to be proven.
 
-        The given variables are inputs, and unknowns of other systems. Start values are
-        values of the given variables at which all roots are known. The roots are moved from
-        the start values by one step along the tangent.
+        The roots are solutions of the system for its unknowns. They depend on the given
+        variables: inputs, and unknowns of other systems. Start values are values of the
+        given variables at which all roots are known. The roots are moved by one step along
+        the tangent, from the start values to the given ones. Newton's method then improves
+        them (`prove_roots`).
 
         Parameters
         ----------
@@ -404,8 +406,12 @@ class EquationSystem:
     ) -> ChartRoots:
         """Return roots moved linearly from one set of given values to another.
 
-        The roots solve polynomials with the given variables as parameters. Their
-        coordinates z are e^(i angle) of the unknown angles, or the inverse of large ones.
+        The roots solve polynomials with the given variables as parameters. The results are
+        approximations, which Newton's method then refines.
+
+        A root has a coordinate z for each unknown angle. z is e^(i angle), which can have
+        any magnitude, because the angles of a root can be complex. If the magnitude exceeds
+        1, z is the inverse instead.
 
         Parameters
         ----------
@@ -417,8 +423,8 @@ class EquationSystem:
         polynomials = self.form_polynomials(cosines_and_sines(start_values))
         at_starts = evaluate_polynomials(polynomials, roots)
         # P(z, g) = 0 gives the derivatives of the roots z with respect to the given
-        # variables g: -P_z^-1 P_g. If P_z is singular, `invert_matrices` returns NaN, and
-        # the derivatives are set to 0.
+        # variables g: -P_z^-1 P_g. If P_z is singular, `invert_matrices` returns NaN. The
+        # derivatives are then set to 0, so the root stays where it is.
         rates = np.nan_to_num(-invert_matrices(at_starts.by_unknowns) @ at_starts.by_given)
         steps = wrap(given - start_values)[roots.row]
         return roots.with_points(roots.z + apply_matrices(rates, steps))

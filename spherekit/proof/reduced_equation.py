@@ -195,10 +195,11 @@ class ReducedEquation:
         """Return the first derivatives of z and g with respect to u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
-        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
-        and g are functions of u and v. Where g is 0, z is a configuration.
+        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
+        for a constant unit vector l (`left_null_vector`). The equations are therefore
+        replaced by F(z) = g l, with a new unknown number g and given values of two
+        coordinates u and v of z. These determine z and g, which are thus functions of u and
+        v. Where g(u, v) is 0, z is a configuration.
 
         u and v are the coordinates along the first two columns of `frame`. If F(z) = g l
         has an error, the result also contains the step of Newton's method that removes this
@@ -231,10 +232,11 @@ class ReducedEquation:
         """Return the first and second derivatives of z and g with respect to u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
-        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
-        and g are functions of u and v. Where g is 0, z is a configuration.
+        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
+        for a constant unit vector l (`left_null_vector`). The equations are therefore
+        replaced by F(z) = g l, with a new unknown number g and given values of two
+        coordinates u and v of z. These determine z and g, which are thus functions of u and
+        v. Where g(u, v) is 0, z is a configuration.
 
         The given z has an error F(z) - g l. A step of Newton's method, with constant u and
         v, removes this error. The results also say by how much the step changes z and g,
@@ -273,10 +275,11 @@ class ReducedEquation:
         """Return a Newton step, and the derivatives of (z, g) with respect to u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
-        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
-        and g are functions of u and v. Where g is 0, z is a configuration.
+        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
+        for a constant unit vector l (`left_null_vector`). The equations are therefore
+        replaced by F(z) = g l, with a new unknown number g and given values of two
+        coordinates u and v of z. These determine z and g, which are thus functions of u and
+        v. Where g(u, v) is 0, z is a configuration.
 
         Up to constants, the coordinates are u = a . z and v = b . z, with constant vectors
         a and b. Let z' and g' be the changes of z and g by Newton's step, or their
@@ -309,10 +312,11 @@ class ReducedEquation:
         """Return second derivatives of (z, g) in three directions: Newton's step, u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
-        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
-        and g are functions of u and v. Where g is 0, z is a configuration.
+        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
+        for a constant unit vector l (`left_null_vector`). The equations are therefore
+        replaced by F(z) = g l, with a new unknown number g and given values of two
+        coordinates u and v of z. These determine z and g, which are thus functions of u and
+        v. Where g(u, v) is 0, z is a configuration.
 
         Up to constants, the coordinates are u = a . z and v = b . z, with constant vectors
         a and b. A given z has an error r = F(z) - g l, which a step of Newton's method with
@@ -350,18 +354,22 @@ class ReducedEquation:
         return solution.reshape(-1, 3, 3)
 
     def _border(self, slopes: Array) -> Array:
-        """Return the matrix (n + 1, n + 1) of the linear equations for (z', g').
+        """Return the matrix (n + 1, n + 1) of linear equations for changes z' and g'.
+
+        The derivatives of z and g, and steps of Newton's method, solve linear equations
+        with this matrix. `_solve_first_order` states their right sides.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
-        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
-        and g are functions of u and v. Where g is 0, z is a configuration.
+        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
+        for a constant unit vector l (`left_null_vector`). The equations are therefore
+        replaced by F(z) = g l, with a new unknown number g and given values of two
+        coordinates u and v of z. These determine z and g, which are thus functions of u and
+        v. Where g(u, v) is 0, z is a configuration.
 
         Up to constants, the coordinates are u = a . z and v = b . z; a and b are the first
-        two columns of `frame`. z' and g' are changes of z and g in some direction. `slopes`
-        (k, n) are the derivatives F'. The changes of F - g l, u and v are F' z' - g' l,
-        a . z' and b . z'. The matrix of these linear functions of (z', g') is
+        two columns of `frame`. `slopes` (k, n) are the derivatives F'. If z and g change by
+        z' and g', then F - g l changes by F' z' - g' l, u by a . z', and v by b . z'. The
+        matrix of these linear functions of (z', g') is
 
             [F'  -l]
             [a^T  0]
@@ -383,10 +391,11 @@ class ReducedEquation:
         """Return the point near a position where both slopes of g(u, v) are 0.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
-        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
-        and g are functions of u and v. Where g is 0, z is a configuration.
+        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
+        for a constant unit vector l (`left_null_vector`). The equations are therefore
+        replaced by F(z) = g l, with a new unknown number g and given values of two
+        coordinates u and v of z. These determine z and g, which are thus functions of u and
+        v. Where g(u, v) is 0, z is a configuration.
 
         If g is 0 at the point where its slopes are 0, and has a saddle there, curves of
         configurations cross. Newton's method solves F(z) = g l and grad g = 0 together.
@@ -424,10 +433,11 @@ class ReducedEquation:
         """Return the Newton step of all variables to a point where curves may cross.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
-        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
-        and g are functions of u and v. Where g is 0, z is a configuration.
+        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
+        for a constant unit vector l (`left_null_vector`). The equations are therefore
+        replaced by F(z) = g l, with a new unknown number g and given values of two
+        coordinates u and v of z. These determine z and g, which are thus functions of u and
+        v. Where g(u, v) is 0, z is a configuration.
 
         Curves g(u, v) = 0 can cross only where the gradient of g is 0. All z that satisfy
         F(z) = g l form a surface. The step has two parts, which are added:
@@ -474,10 +484,11 @@ class ReducedEquation:
         """Return g(u, v) and its slopes at the u and v of an approximate position.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
-        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
-        and g are functions of u and v. Where g is 0, z is a configuration.
+        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
+        for a constant unit vector l (`left_null_vector`). The equations are therefore
+        replaced by F(z) = g l, with a new unknown number g and given values of two
+        coordinates u and v of z. These determine z and g, which are thus functions of u and
+        v. Where g(u, v) is 0, z is a configuration.
 
         The given z and g satisfy F(z) = g l only approximately. Both are corrected with
         constant u and v. The result is g, with its slopes, at the corrected z.

@@ -59,15 +59,19 @@ class ArmErrors:
     Let Q = (u, v) g'' (u, v)^T be the quadratic form of the second derivatives g''. If g is
     exactly Q / 2, the arms are the straight lines with Q = 0, and the gradient of g is g''
     (u, v)^T. In fact Q is not exactly 0 on the arms, and the gradient differs a little. The
-    errors are bounded outside the central zone, in which curves that miss each other bend.
+    proof of the directions of the arms, and of signs of rates along them, allows for both
+    errors.
+
+    Curves that miss each other bend near the saddle, in the central zone. The bounds of
+    both errors are valid on the arms outside this zone. Let m be the larger of |u| and |v|.
 
     Attributes
     ----------
     relative_form_error
-        Bound of |Q| / m^2 at all these points of the arms, where m is the larger of |u| and
-        |v|.
+        Bound of |Q| / m^2.
     relative_gradient_error
-        Bound of the error of both components of the gradient, divided by m.
+        Bound of |e| / m for both components e of the difference between the gradient of g
+        and g'' (u, v)^T.
     centre_error
         Bound (rad) of the distance of the exact saddle from u = v = 0, the computed one.
     """
@@ -85,15 +89,17 @@ class ArcErrors:
     two coordinates u and v the arcs are zeros of a function g(u, v), and the slopes of g
     are 0 at the saddle, u = v = 0. Let Q = (u, v) g'' (u, v)^T be the quadratic form of the
     second derivatives. If g is a quadratic function, g = level + Q / 2 with a constant
-    level. Then Q = -2 level on the arcs, and the gradient of g is g'' (u, v)^T.
+    level. Then Q = -2 level on the arcs, and the gradient of g is g'' (u, v)^T. In fact
+    both differ a little. The bounds are valid at all points of the arcs. Let m be the
+    larger of |u| and |v|.
 
     Attributes
     ----------
     relative_form_error
-        Bound of |Q + 2 level| / m^2 at all points of the arcs, where m is the larger of |u|
-        and |v|.
+        Bound of |Q + 2 level| / m^2.
     relative_gradient_error
-        Bound of the error of both components of the gradient, divided by m.
+        Bound of |e| / m for both components e of the difference between the gradient of g
+        and g'' (u, v)^T.
     """
 
     relative_form_error: float
@@ -481,13 +487,17 @@ def find_monotonic_variables(
     2 up to errors. Q is a quadratic form, positive on the u axis and negative on the v
     axis. If the level is not 0, the curves do not cross. Then two of the four arms
     (branches) are joined by an arc that passes the saddle. The other two are joined by an
-    arc on the opposite side, at the points (-u, -v). Rates have opposite signs there, so
-    one arc is examined for both.
+    arc on the opposite side, in the opposite directions (-u, -v). In opposite directions
+    the bounds of the rates differ only in sign (`DirectionRates`). So a proof for one arc
+    is valid for both.
 
-    The rate of a variable is its derivative along the tangent of the curve. A rate of one
-    sign excludes a stationary point only if the tangent keeps its sense along the arc. On
-    an arc about the v axis it must point towards larger u everywhere, on an arc about the u
-    axis towards larger v.
+    The rate of a variable is its derivative along the tangent (-g_v, g_u) of the curve. Two
+    conditions are proven on the whole arc:
+
+    - The tangent points towards larger u on an arc about the v axis, and towards larger v
+      on an arc about the u axis. So the tangent leads along the arc without turning back.
+    - The rate of the variable has one sign. So the variable grows or falls all along the
+      arc.
 
     Parameters
     ----------

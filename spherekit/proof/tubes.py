@@ -407,7 +407,11 @@ class TubeTest:
         derivatives: list[Floats],
         tangent_frame: TangentFrame,
     ) -> None:
-        """Compute all quantities at the centre from which bounds follow.
+        """Compute what `bound_arc` needs at the centre to bound the arc in a box.
+
+        The test proves that the configurations in a box about the centre are exactly one
+        arc. Boxes of many sizes are tried, so all that does not depend on the size is
+        computed here, once.
 
         F = 0 are the k equations of a mechanism in v variables, and the centre is a point
         of a configuration curve. The columns of the frame are the tangent and the normals

@@ -509,8 +509,9 @@ class Batch:
         """Return the variable (n,) of a pair without jumps of whole revolutions, rad.
 
         The variable of a driven pair is the input itself. Revolutions of passive angles are
-        counted from the inputs of the reference pose, or from zero, where the angles are in
-        (-pi, pi]. Angles that cannot be followed are NaN.
+        counted from the inputs of the reference pose. Without a reference pose, they are
+        counted from inputs of zero. At these inputs, passive angles are in (-pi, pi].
+        Angles that cannot be followed from there are NaN.
         """
         self._check("continued_value", "continued_values", name)
         return _read_only(self._angles[name])

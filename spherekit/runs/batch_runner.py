@@ -890,8 +890,9 @@ class BatchRunner:
         error bounds are small enough. Poles of certified rows are computed later, when a
         column of their numbers is read. Poles of all other rows are computed now.
 
-        `motion_at` has stored facts about these poles in `pending_poles`. The facts are
-        removed here, so each motion can be used only once.
+        `motion_at` has stored in `pending_poles` what is known before poles are computed:
+        which rows are certified, at which rows directions may reverse, and the largest
+        error bounds. These facts are removed here, so each motion can be used only once.
 
         Parameters
         ----------

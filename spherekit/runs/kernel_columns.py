@@ -470,7 +470,9 @@ class KernelColumns:
         """Give the pole directions of the kernel their final senses, in place.
 
         A pole is the axis of the relative rotation of two links. It is a line, so its
-        direction can have two senses. If a direction is reversed, its derivative and the
+        direction can have two senses. The sign functions choose the sense: on a path of
+        samples, the direction is continuous. In a grid of inputs, it has a positive
+        component along a fixed vector. If a direction is reversed, its derivative and the
         coefficients of velocity and acceleration change their signs, too.
 
         Parameters

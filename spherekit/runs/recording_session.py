@@ -58,11 +58,13 @@ class Recorder(Protocol):
         scene
             The drawings.
         samples
-            (k,) sample numbers, or row numbers of a scene over other quantities.
+            (k,) numbers of the samples. A scene with its own axes (`Scene.over`), such as a
+            plot over a frequency, has no samples. Its rows are numbered instead.
         inputs
-            (k,) values of the input, rad. None with several inputs, or over time.
+            (k,) values of the input, rad. None if there are several inputs, or if the
+            samples of the run are times.
         times
-            (k,) times, s. None if the samples are no times.
+            (k,) times, s. None if the samples of the run have no times.
         """
 
 
@@ -182,11 +184,14 @@ class RecordingSession:
     def use_final_sampling(self, final_sampling: Sampling) -> None:
         """Record the samples of a finished simulation from now on.
 
-        A recording is a file that a viewer shows. While a simulation is solved, its links
-        are already recorded at samples up to the requested end time. The simulation may end
-        earlier, and then has fewer samples. Shown samples after its end are hidden. The
-        last sample may have another time than the shown sample with the same index, which
-        is hidden, too.
+        A recording is what a viewer shows. While a simulation is solved, links are already
+        recorded at the samples that it passes, which reach up to the requested end time.
+        The simulation may end earlier, and then has fewer samples. Links that were recorded
+        after its end are hidden.
+
+        If the simulation ends early, its last sample is at its end. While it was solved,
+        the sample with this index could have a later time. Links that were recorded there
+        are therefore hidden, too. The run records the last sample again.
 
         Parameters
         ----------

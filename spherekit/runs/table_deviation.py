@@ -16,6 +16,12 @@ from spherekit.tolerances import EPS
 class Deviation:
     """The largest deviation of the numbers of one column from reference values.
 
+    There are two kinds of comparison. `compute_deviations` compares row by row.
+    `spherekit.runs.trade` also compares runs with different values of a parameter of an
+    analysis, such as its tolerance. Their columns can have different numbers of rows. Each
+    number is therefore compared with the nearest reference value, and each reference value
+    with the nearest number (comparison by nearest values).
+
     Attributes
     ----------
     column
@@ -26,12 +32,15 @@ class Deviation:
     scale
         1 for absolute errors, such as errors of angles. Otherwise the largest reference
         value of all columns of the table with the same unit, with the exceptions that
-        `_find_scale` lists. Of values of a parameter, the largest value in the column.
+        `_find_scale` lists. In a comparison by nearest values, the largest reference value
+        of this column alone.
     compared
-        Number of reference values. Values of a parameter are compared in both directions,
-        and both count.
+        Number of comparisons, including those that `missing` counts: one for each reference
+        value. A comparison by nearest values also has one for each number in the column.
     missing
-        Number of reference values for which the table has no number.
+        Number of reference values for which the table has no number. In a comparison by
+        nearest values of positions (such as dead centres), also of numbers for which there
+        is no reference value.
     estimate
         Largest error that the analysis itself estimates, divided by the largest value in
         the column. NaN without an estimate.

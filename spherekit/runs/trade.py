@@ -107,10 +107,14 @@ def refine_at_error_peaks(
 ) -> Indices:
     """Add samples where large errors are expected: at peaks of the error bounds of poles.
 
-    A pole is the axis about which one link rotates relative to another. Errors are measured
-    only at some samples, which could miss a peak. At the `MAX_REFINED_PEAKS` highest peaks,
-    the intervals to the next chosen samples on both sides are therefore halved. This is
-    repeated until no sample of the run is skipped beside these peaks.
+    The errors of each setting of a run are measured only at the chosen samples, to save
+    time. Evenly spread samples could miss the largest errors. Bounds of rounding errors
+    show where these are. The bounds are those of the directions of poles. A pole is the
+    axis about which one link rotates relative to another.
+
+    At the `MAX_REFINED_PEAKS` highest peaks of the bounds, the intervals to the next chosen
+    samples on both sides are halved. This is repeated until no sample of the run is skipped
+    beside these peaks.
 
     Parameters
     ----------
@@ -120,6 +124,10 @@ def refine_at_error_peaks(
         (n,) indices of the chosen samples, rising.
     request
         The poles. Without poles nothing is added.
+
+    Returns
+    -------
+    Indices of the chosen samples and of the added ones, rising.
     """
     if not request.poles:
         return samples

@@ -704,10 +704,10 @@ class CurveMotion:
     def _refine_zeros(self, s: Floats, is_double: Bools, pole: Pole) -> Floats:
         """Move zeros of one component of a velocity to nearby minima of the whole vector.
 
-        The vector w is the relative angular velocity of two links along a curve. The
-        component is along a constant vector, and any such vector may be used. Where all
-        components of w vanish, the minimum of |w| is a more accurate zero than that of one
-        component. Gauss-Newton steps change the arc length by -(w . w') / (w' . w'), with
+        The vector w is the relative angular velocity of two links along a curve. The given
+        zeros are those of its component along a constant vector. Where all components of w
+        vanish, the minimum of |w| is more accurate than the zero of one component. To find
+        the minimum, Gauss-Newton steps change the arc length by -(w . w') / (w' . w'), with
         the derivative w' with respect to arc length.
 
         Parameters
@@ -733,5 +733,6 @@ class CurveMotion:
             if not self.curve.closed:
                 # An open curve has no points beyond its ends. A zero at an end stays there.
                 s = np.clip(s, 0.0, self.curve.length)
-        # Arc lengths of a closed curve may exceed its length, but must not be negative.
+        # On a closed curve, a step can move a zero near the start to a slightly negative
+        # arc length. Such a zero is set to the start.
         return np.maximum(s, 0.0)

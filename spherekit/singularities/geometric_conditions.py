@@ -518,13 +518,18 @@ def _explain_disagreement(
     links: FourLinks,
     resting_links: Sequence[str],
 ) -> str:
-    """Return why the coefficients of c y' = d q' tell another type than the rates.
+    """Return why the coefficients of c y' = d q' give another type than the rates.
+
+    The result is the note of a relation in the report (`RelationAt.note`).
 
     y' is the rate of the output and q' the rate of the input at a singularity. Each is
     the relative rate of two links. c and d are triple products of the pole axes (axes
     of relative rotation) of these links. By the coefficients a singularity has type I
     if d = 0 and type II if c = 0. By the rates it has type I if y' = 0 and type II if
     q' = 0. Type III means both.
+
+    If c = d = 0, the relation holds for any rates and cannot decide the type. A relation
+    with other links has to decide.
 
     Parameters
     ----------
@@ -534,7 +539,8 @@ def _explain_disagreement(
     links
         The links of the relation.
     resting_links
-        Names of links that rest relative to each other, such as ``3 and 4``.
+        Pairs of links that rest relative to each other, such as ``3 and 4``. They are named
+        as the cause if c = d = 0.
     """
     # Input and output are the relative rotation of the same two links.
     if len(links.different) == 2:

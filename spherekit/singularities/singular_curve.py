@@ -122,8 +122,9 @@ class SingularCurve:
         components_of_nodes = np.vecdot(directions, self.nodes.values[chord_numbers])
         components = components_of_nodes + parts * lengths
         # At each point, all rates that close the loops are combinations of some basis
-        # vectors. The basis is aligned with that of the first node of the chord, so that
-        # signs of determinants in this basis do not change by chance.
+        # vectors. Functions of the points can be determinants in this basis, such as
+        # `cusp_determinants`. `zeros` compares their signs along a chord. A reversed basis
+        # vector would change the sign, so the basis is aligned with that of the first node.
         first_node_bases = self.nodes.bases.rows(chord_numbers)
         points = self.locus.correct(
             values=start_values,

@@ -180,11 +180,12 @@ class SingularSurface:
         return mesh._subdivide(no_edges, mesh.nodes.rows(no_edges), is_of_type)
 
     def _without_bridges(self, input_position: int) -> Self:
-        """Return the mesh without triangles across the values that a range leaves out.
+        """Return the mesh without the triangles that lead out of the range of an input.
 
-        If the range of an input is a little less than its period, an edge can lead from one
-        end of the range to the other end, through the values outside of the range. All
-        vertices must be within the range.
+        If the range is a little less than the period of the input, such as 350 of 360 deg,
+        a triangle can bridge the gap. It has vertices near both ends of the range, and
+        leads from one end to the other through the values outside. All vertices must be
+        within the range.
 
         Parameters
         ----------
@@ -202,9 +203,11 @@ class SingularSurface:
         # (m, 3) the vertices at both ends of the sides of each triangle.
         first = self.triangles
         second = np.roll(first, -1, axis=1)
-        side_lengths = less_periods(angles[second] - angles[first], self.periods[variable])
-        # On other sides the inputs, too, differ by the length.
-        excess = np.abs(inputs[second] - inputs[first] - side_lengths)
+        # The change of the angle along each side, without whole periods. Inside the range
+        # this is also the change of the input. Across a bridge the two changes differ by a
+        # whole period.
+        angle_changes = less_periods(angles[second] - angles[first], self.periods[variable])
+        excess = np.abs(inputs[second] - inputs[first] - angle_changes)
         is_bridge = excess > EQUAL_INPUT_TOLERANCE_RAD
         return replace(self, triangles=first[~is_bridge.any(axis=1)])
 

@@ -110,8 +110,9 @@ def _make_tree(
 ) -> LoopTree:
     """Return the links and loops of a part of a mechanism, given by its pairs (joints).
 
-    A `LoopTree` numbers its bodies and pairs from 0 without gaps. The links and pairs
-    of the mechanism therefore get new indices.
+    The part has all pairs that affect one output, and singularities are searched in it. A
+    `LoopTree` numbers its bodies and pairs from 0 without gaps. The links and pairs of the
+    mechanism therefore get new indices.
 
     Parameters
     ----------
@@ -120,7 +121,8 @@ def _make_tree(
     pairs, variables
         Indices of the pairs, and of the variables of these pairs.
     first_links
-        The links that become body 0 and body 1.
+        The reference link of the output, which becomes body 0 (the root of the tree), and
+        the output link, which becomes body 1.
     """
     links = list(first_links)
     for pair in pairs:

@@ -140,11 +140,10 @@ class Table:
         Some declared columns stand for several columns of the result:
 
         - With several inputs, a column with `per_input` becomes one column for each input.
-          The name of the driven pair (joint) is appended to the name of the column.
+          The name of the driven pair (joint) is appended to the name of the column. The
+          meaning of the column, a text for users, then also contains this name.
         - A column with `per_passive` becomes one column for each variable of the pairs that
           are not driven, with the name and the meaning of the variable.
-
-        Each column of an input has the name of its pair in its meaning (text for users).
         """
         driven_pairs = mechanism.input_pairs
         columns: list[Column] = []

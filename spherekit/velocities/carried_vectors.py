@@ -238,9 +238,11 @@ def _contact_line(
     """Return the direction p to a contact point, which slides along a profile of a link.
 
     A profile is a curve on the unit sphere, fixed in the link. Seen from the link, p
-    changes as the contact moves along the profile. The derivative of p with respect to arc
-    length, called the slide, is the unit tangent. The length of the tangent's derivative
-    bounds how much the slide changes.
+    changes as the contact moves along the profile. The result states this change, which is
+    needed for derivatives and error bounds of p:
+
+    - The slide, the derivative of p with respect to arc length, is the unit tangent.
+    - The bound of the derivative of the slide is the length of the tangent's derivative.
 
     Parameters
     ----------

@@ -44,12 +44,13 @@ all or (k,)."""
 
 @dataclass(frozen=True, eq=False)
 class ComparedRows:
-    """Rows of one assembly mode at which the computed directions of poles may be reversed.
+    """Rows of one assembly mode at which the computed directions of poles are compared.
 
     A pole is the axis of the relative rotation of two links. Its computed direction can
     jump to the opposite direction from one row to the next. A factor of 1 or -1 in each row
-    makes the direction continuous. Jumps are possible only at compared rows. The rows from
-    one compared row to the next have the same factor.
+    makes the direction continuous. To find this factor, `continue_signs` compares each of
+    these rows with the compared row before it. The rows between two compared rows have the
+    factor of the first of these.
 
     Attributes
     ----------
@@ -57,7 +58,8 @@ class ComparedRows:
         (k,) indices of the compared rows among the rows of the motion, rising. The first
         and the last row of the assembly mode (way to assemble the links) are among them.
     may_reverse
-        (k - 1,) for each compared row but the first, whether a direction may jump there.
+        (k - 1,) for each compared row but the first, whether a direction may jump between
+        the previous compared row and this one.
     """
 
     rows: Indices
@@ -282,14 +284,16 @@ def signs_by_axis_sums(axis_sums: Floats) -> SignFunction:
     """Return a function that gives pole directions a sign by comparison with fixed vectors.
 
     The direction of a pole (the axis about which two links turn relative to each other) is
-    known up to its sign. If the angle between the direction and the vector of its assembly
-    mode is obtuse, the sign is -1, otherwise 1.
+    known up to its sign. Over a grid of several inputs, samples have no order in which a
+    sign could be continued from one to the next. Each assembly mode (way to assemble the
+    links) therefore has a fixed vector. If the angle between this vector and a direction is
+    obtuse, the sign is -1, otherwise 1.
 
     Parameters
     ----------
     axis_sums
-        (modes, 3) a vector for each assembly mode (way to assemble the links), usually the
-        sum of all pair axes in one configuration.
+        (modes, 3) a vector for each assembly mode, usually the sum of all pair axes in one
+        configuration.
     """
 
     def find_signs(directions: Floats, rows: Any, modes: Any) -> Floats:
@@ -297,8 +301,8 @@ def signs_by_axis_sums(axis_sums: Floats) -> SignFunction:
 
         Each direction is turned to the side of the axis sum of its mode.
 
-        `modes` is the index of the assembly mode, one for all rows or (k,). `rows` has no
-        effect.
+        `modes` is the index of the assembly mode, one for all rows or (k,). `rows` is not
+        used here, but every `SignFunction` has this argument.
         """
         x, y, z = np.atleast_2d(axis_sums[modes]).T
         is_opposite = x * directions[0] + y * directions[1] + z * directions[2] < 0.0
@@ -391,7 +395,8 @@ def continue_signs(
     def look_up_signs(directions: Floats, rows: Any, modes: Any) -> Array:
         """Return the signs (poles, k) at k rows from those that were computed for all rows.
 
-        `directions` and `modes` have no effect.
+        `directions` and `modes` are not used here, but every `SignFunction` has these
+        arguments.
         """
         return signs[:, rows]
 

@@ -65,17 +65,19 @@ class EquationChoice(NamedTuple):
     pairs (joints) add up to zero. The components chosen for all loops are the equations to
     solve.
 
+    A component is taken along a direction that turns with the mechanism. Components that
+    are independent in one configuration therefore usually remain independent.
+
     Attributes
     ----------
     loop_index
         Index of the loop.
     variable
         Index of a variable of the loop. The component is along the vector of this variable:
-        the angular velocity of its pair at unit rate. None stands for the direction
-        perpendicular to the vectors of two variables that occur in no other loop. The
-        component along this direction does not contain the rates of these two variables.
-        All directions turn with the mechanism, so independent components usually remain
-        independent.
+        the angular velocity of its pair at unit rate. It is None if the loop has two
+        private variables, which occur in no other loop. The component is then perpendicular
+        to the vectors of both. So it does not contain their rates, and fewer rates are
+        solved for together.
     """
 
     loop_index: int

@@ -245,16 +245,18 @@ def passive_equations(
 ) -> PassiveEquations:
     """Return the velocity equations of loops for the variables that no input locks.
 
+    The equations show whether, and how easily, links move although the inputs are locked.
     In the vector equation of a loop, each variable has its vector times a coefficient. The
     coefficient is 1 or -1 if the loop passes the pair (joint) of the variable, otherwise 0.
-    Two changes make the result independent of the units of the variables and of the choice
-    of the loops:
+    Two changes make the singular values of the equations independent of the units of the
+    variables and of the choice of the loops:
 
     - The one or two vectors of each pair are replaced by one or two orthonormal vectors
       with the same span.
-    - The equations of the loops are replaced by linear combinations. The coefficients
-      `tree.cycles` (loops, pairs) have orthonormal rows, and follow from the graph of links
-      and pairs without a choice of loops.
+    - The equations of the loops are replaced by as many linear combinations of them. Row i
+      of `tree.cycles` (loops, pairs) has the coefficient of each pair in combination i. The
+      rows are orthonormal. They are computed from the graph of links and pairs, so it does
+      not matter which loops describe this graph.
 
     Parameters
     ----------
@@ -267,8 +269,8 @@ def passive_equations(
     passive = passive_variables(tree, driven)
     orthonormal_vectors = _orthonormal_vectors(tree, vectors)[:, passive]
     unit_vectors = np.swapaxes(orthonormal_vectors, 1, 2)  # (n, 3, passive)
-    # (loops, passive) coefficients of the linear combinations, from the orthonormal rows of
-    # `tree.cycles` (loops, pairs).
+    # (loops, passive) coefficient of each variable in each linear combination: that of its
+    # pair.
     pair_of_each = [tree.pair_of_variable[v] for v in passive]
     coefficients = tree.cycles[:, pair_of_each]
     equations = np.zeros((len(vectors), len(coefficients), 3, len(passive)))

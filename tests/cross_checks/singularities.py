@@ -71,7 +71,9 @@ def _check_on_curves(evidence, points, notes):
     position_analysis = evidence.position_analysis
     input_variable = position_analysis.solver.input_variable
     points = points[points["s"].notna() & (points["certain"] == "yes")]
-    # Rows without some pair angles count their arc length in another way.
+    # Where the analysis left out links that only follow the others, the table has no angles
+    # of their pairs. The arc length `s` then does not count their motion, so it is no place
+    # on these curves.
     points = _with_all_angles(points)
     row: Any
     # A few singularities of each mechanism are enough.

@@ -151,10 +151,17 @@ class Sizes:
         """Return the centre (3,) and the radius (rad) of the circle of a contact on a link.
 
         Both are balls (numbers with a rigorous error bound), in the axes of the link. The
-        file may state the centre as an axis of the link, as a vector, or by longitude and
-        latitude, under keys such as `centre_xyz` or `pole_lonlat`. A great circle has no
-        stated radius; it is 90 degrees. The circle of a cam follower may be under the key
-        `follower`; its radius is called `roller`.
+        mechanism file may state the centre as an axis of the link, as a vector, or by
+        longitude and latitude, under keys such as `centre_xyz` or `pole_lonlat`. A great
+        circle has no stated radius; it is 90 degrees. The circle of a cam follower may be
+        under the key `follower`; its radius is called `roller`.
+
+        Parameters
+        ----------
+        contact
+            Name of the pair in which two profiles touch.
+        link
+            Name of the link whose profile is the circle.
         """
         item = self.data["pairs"][contact]
         follower = item.get("follower", {})
@@ -163,6 +170,7 @@ class Sizes:
         if "axis" in profile:
             need("radius" in profile, "no radius")
             centre = self.frame(profile["axis"], link)[:, 2]
+            # `slack` is the uncertainty of the sizes of the file, a ball about zero.
             return centre, self.angle(profile["radius"]) + self.slack
         kind = profile.get("kind", "circle")
         need(kind in ("circle", "great_circle"), "no circle")
@@ -171,7 +179,6 @@ class Sizes:
         radius = profile.get("radius", profile.get("roller"))
         if radius is None:
             return centre, arb.pi() / 2
-        # `slack` is the uncertainty of the sizes of the file, a ball about zero.
         return centre, self.angle(radius) + self.slack
 
     def direction(self, row, is_xyz):

@@ -183,11 +183,13 @@ def _plan_series(
 ) -> Iterator[PlannedFigure]:
     """Yield figures of series: curves over one axis, or maps over two inputs.
 
-    A series has one number for each sample, and a label such as "pole 3/1". Series of one
-    group are the same kind of quantity and share a figure, or several if they need too many
-    panels. A scene has the objects that are drawn on one page. Its `page` is the number of
-    an assembly mode (way to assemble the mechanism), or a title. `over` has the axes of the
-    plot, such as inputs or time.
+    A series has one number for each sample, and a label such as "pole 3/1". The `group` of
+    a series is its kind of quantity. Curves of one group share a figure, or several figures
+    if they need too many panels. Maps have a figure for each label.
+
+    A scene has the objects that are drawn on one page. `Scene.page` is the number of an
+    assembly mode (way to assemble the mechanism), or a title. `Scene.over` has the axes of
+    the plot, such as inputs or time.
 
     Parameters
     ----------
@@ -198,7 +200,8 @@ def _plan_series(
     sheet
         Size of the figures, and titles of modes.
     """
-    # All assembly modes share a group, but each title has groups of its own.
+    # Series of all assembly modes are grouped together. Series of a page with a title are
+    # grouped separately.
     items_by_title_and_group = _group_items(source_scenes, Series, "group")
     for (_, group), items in items_by_title_and_group.items():
         shown_series = [
@@ -221,8 +224,8 @@ def _plan_series(
                 subject = group if label == group else f"{group}: {label}"
                 yield from _divide(subject, maps, _page_of, draw_maps, sheet)
             continue
-        # Curves over a single axis, which `path_axis` keeps. If samples of several inputs
-        # do not form a grid, they form a path, and the axis is the length of this path.
+        # Curves are drawn over one axis. With several inputs whose samples form no grid,
+        # the samples are points of a path, and `path_axis` returns the length along it.
         curves = [
             (replace(scene, over=(path_axis(scene.over),)), series)
             for scene, series in shown_series

@@ -96,8 +96,8 @@ class SphereView:
         """Return the polar coordinates of directions on a map of the sphere.
 
         The rim of the map is the circle at the angle `rim` from its centre. Directions a
-        little beyond the rim, in a band of the width `CLIPPED_BAND_RAD`, are projected for
-        triangles across the rim.
+        little beyond the rim are projected, too, in a band of the width `CLIPPED_BAND_RAD`.
+        They serve to draw triangles that cross the rim, which the plot cuts off there.
 
         Parameters
         ----------

@@ -190,8 +190,9 @@ class PageQuantities:
     def signed_quantities(self, names: Iterable[str]) -> dict[ReversiblePole, list[str]]:
         """Return the quantities that change their signs with the direction of a pole axis.
 
-        A pole axis (axis of relative rotation of two links) has two opposite directions, of
-        which the page chooses one.
+        A pole axis (axis of relative rotation of two links) has two opposite directions.
+        The script of the page chooses the one that is continuous from sample to sample. If
+        it reverses a direction, it multiplies the quantities returned here by -1.
 
         Parameters
         ----------

@@ -358,24 +358,29 @@ def _require_same(
 ) -> None:
     """Raise `PluginError` if the tables of two runs of an analysis differ.
 
+    A check runs the analysis twice. The second run differs in a way that must not change
+    the results. For example, the samples come in smaller blocks, or the whole mechanism is
+    rotated.
+
     Parameters
     ----------
     case
         The analysis and mechanism, for the declarations of the tables.
     expected, compared
-        Tables of both runs by name.
+        Tables of the first and the second run, by name.
     where
-        What was different in the run of `compared`, for the message.
+        What was different in the second run, for the message.
     rotation
-        (3, 3) rotation of the mechanism of `compared`, if it was rotated as a whole.
+        (3, 3) rotation of the whole mechanism in the second run, None if it was not
+        rotated.
     """
     for table in case.run_plan.tables_of(case.analysis):
         fault = describe_difference(
             table,
             expected[table.name],
             compared[table.name],
-            # A rotated mechanism has larger rounding errors than the same mechanism in
-            # other blocks of samples, so a larger tolerance applies.
+            # A rotated mechanism is another input, with other rounding errors. The
+            # tolerance is therefore larger than for a second run of the same mechanism.
             is_variant=rotation is not None,
             rotation=rotation,
         )
