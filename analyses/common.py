@@ -377,10 +377,15 @@ def merge_largest_torques(
 ) -> dict[str, Any]:
     """Merge records (summary entries) of the largest torques of two blocks of rows.
 
+    A run is computed in blocks. The summary needs the largest torque of the whole run, for
+    each input and, under ``by_mode``, for each assembly mode. A mode exists at all samples
+    of the run if it does so in every block that has rows of this mode.
+
     Parameters
     ----------
     first, second
-        Records by the name of an input, of the two blocks, from `find_largest_torques`.
+        Records of the two blocks, by the name of an input. They have the entries that
+        `find_largest_torques` describes.
     key
         Key of the torque in a record. Absolute values are compared.
     """
@@ -399,7 +404,8 @@ def merge_largest_torques(
                     record["exists_at_all_samples"] for record in mode_records
                 ),
             }
-        # An input without a known torque has no record of the largest one.
+        # If no torque at this input is known, `largest` is empty. The entry ``simulated``
+        # is then taken from the first block.
         merged[name] = {**first[name], **largest, "by_mode": by_mode}
     return merged
 

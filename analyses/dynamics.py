@@ -303,7 +303,7 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
     if not summary["masses"]:
         remarks += ("The file has no masses: the torques balance only the loads",)
     if not summary["loads"]:
-        remarks += ("The file has no loads: the torques balance only the inertia.",)
+        remarks += ("The file has no loads: the torques balance only the inertia",)
     warnings: tuple[str, ...] = ()
     # At a singularity the mechanism can move while the inputs rest.
     if summary["rows_at_singularities"]:

@@ -400,7 +400,8 @@ class Eksergian(AbstractAnalysis):
         worst = max(
             summaries, key=lambda summary: summary[LARGEST_CONDITIONING], default={}
         )
-        # Each has one record, by the name "torque".
+        # The findings of a block have one record of a torque, that of the largest. The
+        # function merges records by name, so both records get the same name.
         torques = merge_largest_torques(
             {"torque": before.figures["torque"]},
             {"torque": now.figures["torque"]},
@@ -563,7 +564,8 @@ def _coordinate_motion(batch: Batch) -> CoordinateMotion:
         rotations[:, link] = batch.rotation(name)
         w[:, link] = batch.angular_velocity(name)
         dw[:, link] = batch.angular_velocity_dq(name)
-    # Axes attached to each pair (n, pairs, 3, 3) are not needed without friction.
+    # The axes attached to each pair (n, pairs, 3, 3) are only needed for friction of
+    # bearings and contacts. `_solve_torque` calls this function only without it.
     no_frames = rotations[:, :0]
     # First and second derivatives have one and two axes of inputs, each of length 1.
     return CoordinateMotion(

@@ -14,31 +14,34 @@ import numpy as np
 from spherekit.plugin import Floats, Mechanism, link_axes
 
 ChartAxis = Literal["no", "yes", "x", "y", "z"]
-"""Ground axis at whose end the chart touches the sphere.
+"""Coordinate axis of the ground at whose end the chart touches the sphere.
 
-``"yes"`` selects the axis that is nearest to the axes of the ground, and ``"no"`` stands
-for no columns of the chart, while its drawing is the same as with ``"yes"``.
+``"yes"`` selects the coordinate axis that is nearest to the middle of the pair axes on the
+ground. With ``"no"``, tables have no columns of the chart, and its drawing is the same as
+with ``"yes"``.
 """
 
 
 def chart_axes(mechanism: Mechanism, chart: ChartAxis = "yes") -> tuple[int, int, int]:
-    """Return the indices (0 to 2) of the ground axes that the chart uses as x, y and z.
+    """Return which coordinate axes of the ground are x, y and z of the chart.
 
-    The chart projects the sphere from its centre onto the plane that touches it at axis x.
-    Opposite points of the sphere therefore have the same place on the chart.
+    The result has the indices (0 to 2) of these axes. The chart projects the sphere from
+    its centre onto the plane that touches it at the end of axis x. Opposite points of the
+    sphere therefore have the same place on the chart.
 
-    The user can choose a ground axis as x. With "yes" or "no", x is the ground axis nearest
-    to the middle of the pair axes on the ground. "no" only means that tables have no
-    columns of the chart. It can be drawn all the same, so it needs axes. The axes y and z
-    follow cyclically, so the system is right-handed.
+    The user can choose a coordinate axis as x. With "yes" or "no", x is the coordinate axis
+    nearest to the middle of the axes of the pairs (joints) on the ground. "no" only means
+    that tables have no columns of the chart. The chart can be drawn all the same, so it
+    needs axes. The axes y and z follow cyclically, so the system is right-handed.
     """
     if chart in ("x", "y", "z"):
         x = "xyz".index(chart)
     else:
-        ground_axes = link_axes(mechanism)[mechanism.links[0]]
+        pair_axes = link_axes(mechanism)[mechanism.links[0]]
         # The zero vector makes the sum valid if the ground has no pair axes.
-        middle = np.sum([*ground_axes.values(), np.zeros(3)], axis=0)
-        # Either end of the ground axis may be near the middle, so the sign has no meaning.
+        middle = np.sum([*pair_axes.values(), np.zeros(3)], axis=0)
+        # Either end of a coordinate axis may be near the middle, so the sign has no
+        # meaning.
         x = int(np.argmax(np.abs(middle)))
     return x, (x + 1) % 3, (x + 2) % 3
 

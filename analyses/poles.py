@@ -291,7 +291,11 @@ class Poles(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the quantities that a run has to compute for this analysis.
 
-        A pole is the axis about which one link turns relative to another. The fields are:
+        A pole is the axis about which one link turns relative to another. If it is not the
+        axis of a pair (joint), it is constructed as the intersection of two great circles.
+        A page can show this construction step by step.
+
+        The fields are:
 
         - `directions`: poles whose direction is computed.
         - `rates`: poles whose velocity coefficient is computed. It is the relative angular
@@ -299,10 +303,10 @@ class Poles(AbstractAnalysis):
         - `derivatives`: yes, the velocity coefficients are differentiated with respect to
           the input.
         - `turns`: poles whose direction is differentiated with respect to the input.
-        - `planes`: poles for which two great circles through the pole are computed. Figures
-          show the circles of one selected pole. A drawing of the construction needs the
-          circles of all poles that are not axes of pairs (joints). Coordinates in a chart
-          (projection of the sphere onto a plane) need the same circles.
+        - `planes`: poles whose two great circles are computed. Figures show the circles of
+          one selected pole. A drawing of the construction needs the circles of all
+          constructed poles. Coordinates in a chart (projection of the sphere onto a plane)
+          need the same circles.
         - `rotations`: all links if the construction is drawn, otherwise the links with a
           drawn axode. An axode is the path of a pole in the axes of a link.
         """

@@ -297,7 +297,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
         )
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
-        """Return samples, border and areas."""
+        """Return the tables: sampled poses, borders and sizes of the workspaces."""
         parts = self._workspaces(batch).table_parts()
         return {
             table.name: table.stacked(batch.mechanism, parts[table.name])
@@ -305,9 +305,11 @@ class WorkspaceAnalysis(AbstractAnalysis):
         }
 
     def findings(self, batch: Batch) -> Findings:
-        """Return area or volume and limits of each mode, and which poses are reached.
+        """Return the sizes of the workspaces, and in which of them the user's poses are.
 
-        A working mode is one way to assemble the legs at a pose.
+        A working mode is one way to assemble the legs at a pose. Each working mode has its
+        own workspace. The size is an area if the output is a direction, and a volume if it
+        is an orientation. The summary also names the limits, such as joint limits.
         """
         workspaces = self._workspaces(batch)
         warnings: list[str] = []
@@ -324,8 +326,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "limits": [limit.name for limit in workspaces.limits],
             "working_modes": modes,
         }
-        # Modes with the same workspace are described together. If an earlier mode has the
-        # same workspace, "same_as" has its label.
+        # Modes with the same workspace share a row of the table of sizes. If an earlier
+        # mode has the same workspace, "same_as" has its label.
         labels_by_first_mode: dict[str, list[str]] = {}
         for label, record in modes.items():
             first_mode = record.get("same_as", label)

@@ -310,10 +310,11 @@ def _compare_engines(case: DynamicsCase, kind: str, quick: bool) -> Section:
         f"{_REFERENCE_CHECKS[has_one_input]}." + skipped,
         ("engine", "setting", "error of q, rad", "ms, median", "ms, fastest"),
         rows,
-        "The times are processor times without compiling and without making the stored "
-        "model. For Pinocchio and MuJoCo, the loads are computed in Python, at each "
-        "evaluation of the accelerations. OpenSim cannot be installed with pip and was not "
-        "run. The settings are described in [dynamics](dynamics.md#other-engines).",
+        "The times are processor times of the simulation alone. Compiling, and computing a "
+        "[stored model](dynamics.md#stored-models) from the mechanism, are not included. "
+        "For Pinocchio and MuJoCo, the loads are computed in Python, at each evaluation of "
+        "the accelerations. OpenSim cannot be installed with pip and was not run. The "
+        "settings are described in [dynamics](dynamics.md#other-engines).",
     )
 
 

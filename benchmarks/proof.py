@@ -125,12 +125,14 @@ def _measure_single_inputs(
         )
     return Section(
         "Certified modes at an input",
-        "Random geometries at the input of their reference pose. The columns contain the "
-        "fraction of geometries for which all complex modes are proven, and for which all "
-        "real modes are certified. A certificate of a triad is wrong if an elimination in "
-        "exact rational numbers yields a different number of real roots; another "
-        "certificate is wrong if the numerical solution finds more modes. `over solving` "
-        "is the time of the proof divided by that of the numerical solution.",
+        "The assembly modes of random geometries are certified at the input of their "
+        "reference pose. The columns `all complex modes` and `certified` contain two "
+        "fractions of the geometries: those with a proven number of complex modes, and "
+        "those with all real modes certified. The column `wrong` counts wrong "
+        "certificates. For a triad, a certificate is wrong if an elimination in exact "
+        "rational numbers yields a different number of real roots. For larger groups, it "
+        "is wrong if the numerical solution finds more modes. `over solving` is the time "
+        "of the proof divided by that of the numerical solution.",
         ("group", "geometries", "all complex modes", "certified", "wrong", "over solving"),
         rows,
     )

@@ -152,7 +152,8 @@ class ProgressReporter:
     ) -> float | None:
         """Return the time (s) that the rest will take, or None if it cannot be estimated.
 
-        The rate of work since the first numbers is assumed to continue.
+        The mean speed since `_first_numbers` is assumed to continue. These are the time and
+        the finished work when numbers were first stated for this total.
 
         Parameters
         ----------

@@ -472,16 +472,17 @@ def _forms_of_output(solver: OutputKinematics) -> list[tuple[str, ...]]:
 def _match_form(
     forms: Sequence[tuple[str, ...]], names: tuple[str, ...], where: str
 ) -> tuple[str, ...]:
-    """Return the form of poses that has certain names of numbers.
+    """Find out in which form the user describes poses, such as azimuth and tilt.
 
-    A form is a tuple of the names of its numbers, such as azimuth and tilt.
+    The user names each number of a pose, in any order. A form is a tuple of such names in
+    a fixed order. The form with the same names is returned.
 
     Parameters
     ----------
     forms
         The possible forms.
     names
-        The names that the user wrote, in any order.
+        The names that the user wrote.
     where
         The source of the names, for error messages.
 

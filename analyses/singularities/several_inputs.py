@@ -175,7 +175,8 @@ class SeveralInputs:
         Number of values of each input for aspects, 0 for none. By default (None) 11 if the
         mechanism has at most three inputs.
     near
-        Angle to a singularity (deg) below which a warning is given.
+        A warning is given if the angle (deg) in the column ``distance_I`` or
+        ``distance_II`` is at most this. The angle is 0 only at a singularity.
     seconds
         Processor time (s) that the searches may take.
     """
@@ -372,7 +373,7 @@ class SeveralInputs:
         }
 
     def _describe_conditions(self, points: SingularPoints, output: Output) -> list[str]:
-        """Return the geometric condition of each singular point as a text.
+        """Return the geometric condition of each singular point as a text for the table.
 
         An example is that the pole axes of several inputs are in one plane. A pole axis is
         the axis of a relative rotation of two links.
@@ -392,7 +393,9 @@ class SeveralInputs:
         output_equations = output_of(self.batch.mechanism, output.name)
         # `what_vanishes` tests which pole axes coincide or are in one plane.
         # `points.pointing` are the directions of the output, None if the output is an
-        # orientation. `by_rank` is how the run has counted degrees of freedom.
+        # orientation. `by_rank` is true if constraints are redundant. The degrees of
+        # freedom then follow from the rank of the velocity equations, because counting
+        # links and pairs fails. The pole axes are found by the same rule.
         return what_vanishes(
             motion,
             output_equations,
@@ -627,7 +630,8 @@ class SeveralInputs:
         kind, output
             Type I or II, and the output in words.
         sines
-            (n,) sine of the angle of each row to a singularity of this type.
+            (n,) measure of each row from 0 to 1, which is 0 at a singularity of this type.
+            It is the sine of the angle in the column ``distance_I`` or ``distance_II``.
         singular_modes
             Assembly modes (ways to assemble the links) that are singular of this type in
             every row. Their rows are left out.

@@ -57,11 +57,10 @@ def synthesize(
         Number and random seed of the designs that are evaluated first. They are points of a
         scrambled Sobol sequence, which fills the ranges of the sizes evenly.
     starts
-        With one objective: number of the best designs from which the objective is
-        minimised. With several objectives, each assembly mode (way to assemble the
-        mechanism) has a Pareto front: the designs for which no other design is better in
-        all objectives. The minimisation then starts at five times as many designs of each
-        front.
+        Number of the best designs from which a local search minimises the objective. With
+        several objectives, each assembly mode (way to assemble the mechanism) has a Pareto
+        front: the designs for which no other design is better in all objectives. Local
+        searches then improve up to ``5 * starts`` designs of the front of each mode.
 
     Raises
     ------

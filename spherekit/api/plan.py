@@ -75,16 +75,21 @@ def plan(
 
 @checked(PlanError)
 def table(plan: Plan) -> str:
-    """Return the pole table of a plan as text.
+    """Return a table, as text, that shows how each pole of a mechanism is found.
 
-    A pole is the axis about which one link rotates relative to another. The table has a row
-    and a column for each link (links joined by locked inputs share one), and its cell
-    (i, j) belongs to the pole of links i and j. The cell contains ``x`` if the pole is the
-    axis or the contact line of a pair (joint), and is empty if the pole is not in the plan.
-    Otherwise the cell contains a Roman numeral. ``I`` marks poles that the first pass of
-    the Aronhold-Kennedy theorem constructs from poles of pairs, ``II`` marks poles of the
-    second pass. A star marks poles that follow from velocity equations instead. R. Di
-    Gregorio uses such tables in lecture 2 of his short course on planar and spherical
+    A pole is the axis about which one link rotates relative to another. A plan lists the
+    steps in which poles follow from each other. The table has a row and a column for each
+    link. Links joined by locked inputs share one. The cell (i, j) tells how the pole of
+    links i and j is found:
+
+    - ``x``: The pole is the axis or the contact line of a pair (joint).
+    - ``I``: The first pass of the Aronhold-Kennedy theorem constructs the pole from poles
+      of pairs. ``II`` marks poles of the second pass, and so on.
+    - A star, as in ``I*``: The pole follows from velocity equations instead.
+    - Empty: The plan was made for certain poles, and does not need this one.
+    - ``■``: The row and the column belong to the same link.
+
+    R. Di Gregorio uses such tables in lecture 2 of his short course on planar and spherical
     kinematics (Barcelona 2019).
 
     Parameters

@@ -789,8 +789,8 @@ def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
     # Several crossings can have the same sentence, which is then printed once.
     for sentence, count in Counter(_crossing_sentences(curves)).items():
         configurations = f", in {count} configurations" if count > 1 else ""
-        # All other sentences contain "miss each other": nothing crosses, or this is
-        # undecided.
+        # The other sentences say that curves "miss each other", or "cross, or miss each
+        # other". In the second case it is not decided whether the curves cross.
         is_proven_crossing = sentence.startswith("curves cross at")
         type_text = " (type III)" if is_proven_crossing else ""
         report.results.append(f"{sentence}{configurations}{type_text}")

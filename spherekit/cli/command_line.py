@@ -172,7 +172,11 @@ class CommandParser(CommandLineParser):
         self._has_arguments = False
 
     def import_command(self) -> None:
-        """Add the arguments and examples of this subcommand, unless this has been done."""
+        """Import the module of this subcommand, and add its arguments and examples.
+
+        The constructor does not do this, so that the program starts quickly: it imports
+        only the modules of subcommands in use. Further calls have no effect.
+        """
         if self._has_arguments:
             return
         self._has_arguments = True

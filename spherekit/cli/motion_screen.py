@@ -392,7 +392,7 @@ def rests_throughout(motion: Any) -> bool:
 
 
 def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
-    """Return notes that explain columns of the table of outputs, and say what it may miss.
+    """Return notes that explain the table of outputs, and say what the table leaves out.
 
     Parameters
     ----------
@@ -427,7 +427,8 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
             "m = 1, the best value. m is 0 where the inputs cannot drive the output "
             "(singularity of type II)."
         )
-    # A dyad that is not in the table may be nearer to such a singularity.
+    # A dyad is two links joined by a pair. The table has the transmission angles of dyads
+    # that determine outputs. Another dyad may come nearer to a dead centre (angle 0).
     notes += _describe_other_dyad(summary)
     row_count = sum(len(entry["outputs"]) for entry in overview["modes"].values())
     if len(table.rows) == MAX_TABLE_ROWS and row_count > MAX_TABLE_ROWS:

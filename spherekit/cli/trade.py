@@ -91,8 +91,8 @@ def execute(options: Namespace) -> int:
     """Execute ``spherekit trade``: measure the time and error of every setting.
 
     A setting is one way to compute the tables of an analysis, such as an integrator with a
-    tolerance. The results are printed as a table and written to files. Returns the exit
-    status 0.
+    tolerance. The results are printed as a table. If the user asks for it, they are also
+    written to files, and to a recording for the Rerun viewer. Returns the exit status 0.
     """
     from spherekit.api.trade import trade
     from spherekit.errors import AnalysisError
@@ -105,7 +105,8 @@ def execute(options: Namespace) -> int:
         check_tolerance(study.mechanism.name, options.tol)
     if options.rounds < 1:
         raise AnalysisError(f"--rounds {options.rounds}: give a whole number of at least 1")
-    # The analysis of the command line, otherwise those that the file names, or poles.
+    # An analysis on the command line counts. Without one, the analyses that the file of the
+    # study names are taken. If it names none, the analysis `poles` is taken.
     analyses = (
         [create_analysis(options.analysis, study.mechanism.angle_unit)]
         if options.analysis
@@ -226,7 +227,7 @@ def _write_files(result: Any, options: Namespace) -> str:
 
 
 def _write_recording(result: Any, options: Namespace) -> None:
-    """Write a recording of the chart of a trade."""
+    """Write the chart of time against error as a recording for the Rerun viewer."""
     import numpy as np
 
     from spherekit.display.rerun.recorder import RerunRecorder

@@ -125,8 +125,9 @@ def find_fold_range(sectors_deg: Sequence[float]) -> FoldRange:
     """Return the longest range in which a vertex of folded paper closes.
 
     At a vertex n creases (hinges) meet, with rigid sectors between them. The vertex closes
-    if all sectors fit together, with the margin `FOLD_MARGIN_DEG`. The fold angles of the
-    driven creases have equal magnitude, which runs from 1 to 179 degrees. All combinations
+    if all sectors fit together. The fold angle of the second-last crease must also differ
+    from 0 and 180 degrees by at least `FOLD_MARGIN_DEG`. The fold angles of the driven
+    creases have equal magnitude, which runs from 1 to 179 degrees. All combinations
     of valleys and mountains are tried.
 
     Parameters
@@ -167,9 +168,10 @@ def _list_fold_ranges(
     """Return the ranges of equal fold angles in which a vertex of folded paper closes.
 
     At a vertex n creases (hinges) meet, with rigid sectors between them. The first n - 3
-    creases are driven, by fold angles of equal magnitude. The vertex closes if the other
-    creases can connect the remaining sectors, with the margin `FOLD_MARGIN_DEG`. Magnitudes
-    are tried in steps of one degree.
+    creases are driven, by fold angles of equal magnitude. The vertex closes if the last
+    three creases can connect the remaining two sectors. The fold angle of the second-last
+    crease must also differ from 0 and 180 degrees by at least `FOLD_MARGIN_DEG`. Magnitudes
+    are tried in steps of one degree. The caller selects the longest range.
 
     Parameters
     ----------

@@ -475,15 +475,19 @@ class Descent:
         def scaled_functions(y: Floats) -> LinearisedFunctions | None:
             """Return the functions that the optimiser minimises or limits, at a design y.
 
-            The largest (objective - aim) / scale is minimised. `self.scales` makes
-            objectives in different units comparable. The limits are the smooth conditions
-            of the synthesis, which are violated where they are positive. The result is None
-            if the design is refused, or if a number is not finite.
+            The objectives of the result are (objective - aim) / scale. The optimiser
+            minimises the largest of them. `self.scales` makes objectives in different units
+            comparable. The limits are the conditions of the synthesis that are smooth
+            functions of the design. A limit is violated where it is positive.
+
+            The result is None if a number is not finite, or if the design is refused.
             """
             values = self.evaluate(y, mode)
-            # The mechanism can be assembled at fewer samples than at the start.
+            # A design is refused if it can be assembled at fewer samples than the first
+            # design.
             if values.closing_fraction < min_closing_fraction:
                 return None
+            # It is also refused if a condition of the user on this fraction is not met.
             if not values.meets_closing_conditions:
                 return None
             functions = values.functions

@@ -788,11 +788,11 @@ class DesignEvaluator:
         )
 
     def _search_modes(self, mechanism: Mechanism) -> PositionAnalysis:
-        """Return the search for the assembly modes of one design.
+        """Search the assembly modes of one design, and return its position analysis.
 
-        An assembly mode is one way to assemble the mechanism. The search uses the same
-        samples of the inputs for all designs: a path, or a grid over the ranges of the
-        inputs. If the samples say so, only the mode of the reference pose is found.
+        An assembly mode is one way to assemble the mechanism. All designs have the same
+        samples of the inputs: a path, or a grid over the ranges of the inputs.
+        `samples.search` says whether modes beside that of the reference pose are searched.
         """
         input_grid = self.samples.input_grid
         sampling: dict[str, Any] = {"path": input_grid.q}

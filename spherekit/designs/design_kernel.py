@@ -345,16 +345,17 @@ class RedundantKernel:
     def evaluate(self, rows: Floats) -> Floats:
         """Return the columns (quantities) of one design at n configurations.
 
-        With redundant constraints, the equations for the rates are not all independent.
-        Each kernel (function of configurations) solves one choice of them. At some
-        configurations a choice becomes dependent, and its rates violate the other
-        equations. So each configuration takes the kernel with the smallest violation.
+        With redundant constraints, the loops give more equations for the rates than are
+        independent. Each kernel (function of configurations) solves a selection of these
+        equations. At some configurations the selected equations become dependent, and the
+        rates violate the others. So each configuration takes the kernel with the smallest
+        violation.
 
         Parameters
         ----------
         rows
-            (arguments, n) inputs with their rates, accelerations and the time; pair
-            variables (rad); and multiples of 2 pi that make angles in loads continuous.
+            (arguments, n) arguments 1 to 4 of `DesignKernel.evaluate`. For example, they
+            contain the inputs and the pair variables (rad).
 
         Returns
         -------
@@ -367,7 +368,8 @@ class RedundantKernel:
             for kernel, prepared in zip(self._kernels, self._prepared, strict=True)
         ]
         columns = np.full((len(self._follows_from_rates), rows.shape[1]), np.nan)
-        # Columns that follow only from positions are the same in every kernel.
+        # Columns that follow only from positions are the same in every kernel. They are
+        # taken from the last one.
         is_independent = ~self._follows_from_rates
         columns[is_independent] = outputs_of_kernels[-1].columns[is_independent]
 

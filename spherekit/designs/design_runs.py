@@ -731,15 +731,19 @@ def _tables_of_run(run: RunResult) -> tuple[RunTable, ...]:
 def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Units:
     """Return the units of all numeric columns in the table that a figure of merit uses.
 
+    The caller needs the names and units to parse the expression of the figure.
+
     A figure of merit (number that rates a design) is a text such as ``max(workspace.areas
     part=whole: size)``. It names an analysis and one of its tables. Then come conditions
-    that select rows (``only``), and an expression in the columns of the table.
+    that select rows (`only`), and an expression in the columns of the table. The reductions
+    ``argmin`` and ``argmax`` give the value of an input where the expression is smallest or
+    largest. Their second argument can name the driven pair of this input (`place`).
 
     Raises
     ------
     DesignError
         If there is no such table, if it lacks a column by which the figure selects rows, or
-        if the figure names a pair that is not driven.
+        if the figure asks for the value of a pair that is not driven.
     """
     analysis, table = merit.of_table
     # Quantities of the table "motion" are used without naming a table, as in

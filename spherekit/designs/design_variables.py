@@ -354,9 +354,13 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
 def default_size_keys(mechanism: Mechanism) -> Names:
     """Return the keys of the sizes that vary by default, such as ``"links.2.arc"``.
 
-    A mechanism file describes its links in one of two ways: by arcs between pair axes and
-    angles between arcs, or by the pair axes in a reference pose. All these numbers vary,
-    except the sizes of `coaxial_links`.
+    These sizes get sliders on a page, and derivatives with respect to them are computed. A
+    mechanism file describes its links in one of two ways:
+
+    - By arcs between pair axes and angles between arcs. All of them vary, except those of
+      links in which another axis is on one line with the first axis. Other sizes would move
+      these axes apart.
+    - By the pair axes in a reference pose. The longitudes and latitudes of all axes vary.
     """
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):

@@ -112,7 +112,8 @@ class DesignSamples:
         - a path: a list of the inputs at every sample;
         - neither: inputs run over the ranges that the mechanism states for them.
 
-        Inputs without a time law move at 1 rad/s, and downwards if their range does.
+        Inputs without a time law move at 1 rad/s. On a path they have the rate +1 rad/s.
+        Otherwise they move from the start of their range in its sense, up or down.
 
         Raises
         ------
@@ -121,7 +122,9 @@ class DesignSamples:
         SolveError
             If a range is empty, or the samples do not fit the number of inputs.
         """
-        mechanism = driven_at(study.mechanism)  # unchanged, but its inputs are checked
+        # Without names of other inputs, `driven_at` returns the same mechanism. It raises
+        # an error if an input is a contact pair, because only R pairs can be driven.
+        mechanism = driven_at(study.mechanism)
         # Only the study of a simulation has a start, from which the mechanism moves freely.
         if study.start is not None:
             raise DesignError(

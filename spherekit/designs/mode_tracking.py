@@ -198,11 +198,15 @@ def is_real(solutions: Array) -> Bools:
 
 
 def _merge_modes(mode_ids: Integers, mode: int, other_mode: int) -> None:
-    """Merge two assembly modes of one design that a path of configurations connects.
+    """Give two modes of one design the same number if they can be one assembly mode.
 
-    An assembly mode is one way to assemble the mechanism, with one configuration at each
-    sample of the inputs. If both modes have a configuration at the same sample, they are
-    different modes and stay. A path that leads around a singularity can connect such modes.
+    An assembly mode is one way to assemble the mechanism. It has at most one configuration
+    at each sample of the inputs. A new real solution at a sample first gets a mode number
+    of its own. The caller has found a path of real configurations, between two neighbouring
+    samples, from one of these modes to the other.
+
+    If both modes have a configuration at the same sample, they are different and keep their
+    numbers. A path that leads around a singularity can connect such modes.
 
     Parameters
     ----------

@@ -253,9 +253,10 @@ class SweepResult:
     def _tables(self) -> dict[str, dict[int, Path]]:
         """Return the paths of the files of each table of the runs.
 
-        The outer keys are the names of the tables, and the inner keys the numbers of the
-        parts. A part (group of successive designs) has one file of each table, unless all
-        of its designs have failed or are left out.
+        A sweep can run an analysis of each design, and the runs write tables. The table of
+        designs is not one of them. The outer keys are the names of the tables, and the
+        inner keys the numbers of the parts. A part (group of successive designs) has one
+        file of each table, unless all of its designs have failed or are left out.
 
         Raises
         ------
@@ -272,7 +273,7 @@ class SweepResult:
                     f"{self._store}: a file of part {number} is missing; run the same "
                     "command again to compute the part"
                 )
-            # The first file has the table of designs.
+            # The first file has the table of designs, which is no table of the runs.
             for path in paths[1:]:
                 tables.setdefault(path.parent.name, {})[number] = path
         return tables

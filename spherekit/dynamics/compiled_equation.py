@@ -476,7 +476,10 @@ def _make_sticking_test(
 
     def sticks(state: Floats, time: float, parameters: Floats) -> bool:
         """Return whether the condition moves back to zero with the changed load."""
-        # The integrator drops the parameters after the last one that the equation uses.
+        # The integrator drops the parameters after the last one that occurs in an
+        # expression. Zeros take their place. If the sign of this condition was dropped, the
+        # result is therefore False: the equation does not contain the sign, so its reversal
+        # changes no load.
         dropped = layout.switch_parameters + len(layout.switch_conditions) - len(parameters)
         parameters = np.pad(parameters, (0, dropped))
         # One column: `switch_function` computes several states at once.

@@ -426,8 +426,8 @@ class Collocation:
                 error = attempt.error
                 rates = attempt.dynamics.motion.rates
                 if error <= 1.0:
-                    # (N,) a determinant at each node. The determinant changes its sign
-                    # where curves of configurations cross.
+                    # (N,) closure determinant at each node. It changes its sign where
+                    # curves of configurations cross.
                     determinants = step.closure_determinants(equation.closure, rates)
                     if not self._stays_on_set(step, determinants):
                         error = np.inf
@@ -843,7 +843,8 @@ class Collocation:
         """
         if not self.problem.passes_crossings:
             return True
-        # The sign of the determinant before the step, and its largest absolute value.
+        # The record has the sign of the determinant before the step, and its largest
+        # absolute value so far.
         record = self.determinant_record.include_sizes(determinants)
         is_near = np.abs(determinants) < CROSSING_RATIO * record.largest
         has_other_sign = determinants * record.sign < 0.0
@@ -888,12 +889,13 @@ class Collocation:
         Parameters
         ----------
         determinants
-            (N,) a determinant at each node of the step. The determinant changes its sign at
-            a crossing.
+            (N,) closure determinant at each node of the step. It changes its sign at a
+            crossing.
         """
         if self.problem.passes_crossings:
             return False
-        # The sign of the determinant before the step, and its largest absolute value.
+        # The record has the sign of the determinant before the step, and its largest
+        # absolute value so far.
         record = self.determinant_record.include_sizes(determinants)
         limit = np.sqrt(self.tolerance) * record.largest
         # Negative beyond a crossing, where the determinants have the other sign.
@@ -913,8 +915,8 @@ class Collocation:
             (N, m, variables) rates of the pair variables (joint angles) per unit rate of
             each of m coordinates, at the N nodes of the step.
         determinants
-            (N,) a determinant at each node of the step. The determinant changes its sign
-            where curves of configurations cross.
+            (N,) closure determinant at each node of the step. It changes its sign where
+            curves of configurations cross (`CollocationStep.closure_determinants`).
         """
         self.steps.append(step)
         step_events = list(self._find_step_events(step, rates, determinants))
@@ -959,16 +961,17 @@ class Collocation:
             (N, m, variables) rates of the pair variables (joint angles) per unit rate of
             each of m coordinates (m degrees of freedom), at the N nodes of the step.
         determinants
-            (N,) a determinant at each node of the step. The determinant changes its sign
-            where curves of configurations cross.
+            (N,) closure determinant at each node of the step. It changes its sign where
+            curves of configurations cross (`CollocationStep.closure_determinants`).
         """
         mechanism = self.equation.mechanism
-        # The states have angles without whole turns. Joint limits are limits of the whole
-        # angles, so the turns (rad) are passed.
+        # The states have angles without whole turns. Joint limits are limits of the angles
+        # with these turns, so the turns (rad) are passed.
         for t, pair in step.find_exceeded_limits(mechanism, self.problem.turn_angles):
             yield StepEvent(t, "joint_limit", pair)
-        # The sign of the determinant before the step, and its largest size up to the end of
-        # the step. By comparison with these, `find_crossing` recognises a crossing.
+        # The record has the sign of the determinant before the step, and its largest
+        # absolute value so far. `find_crossing` finds a crossing where the determinant has
+        # another sign, or is negligible compared with this largest value.
         record = self.determinant_record.include_sizes(determinants)
         crossing_time = step.find_crossing(determinants, record)
         if crossing_time is not None:

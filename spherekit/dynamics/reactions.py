@@ -96,10 +96,14 @@ class Reactions(JointReactions):
         A mechanism file lists the bearings of a pair among its loads, because they cause
         friction. The keys are the names of these loads.
 
-        Two bearings together exert the moment across the axis and the force that the pair
-        transmits. A single one exerts the moment, and the force along the axis. A component
-        is NaN if the equations of equilibrium leave it undetermined. The z component is NaN
-        if the file does not say how the bearings share the force along the axis.
+        Two bearings together exert the moment and the force that the pair transmits. A
+        single bearing exerts the moment by a force across the axis, at its distance from
+        the centre O. The rest of the force across the axis then acts at O, and is not in
+        the result. Along the axis, each bearing exerts its share of the force.
+
+        A component is NaN if the equations of equilibrium leave it undetermined. The z
+        component is NaN if the file does not say how the bearings share the force along the
+        axis.
         """
         forces_on_bearings: dict[str, Floats] = {}
         for load in self._bearing_loads:
@@ -107,7 +111,8 @@ class Reactions(JointReactions):
             moment = self.moments[:, pair]
             force = self.forces[:, pair]
             forces = load.supported_loads(moment, force)
-            # The axial force of a floating bearing is 0 so far, also in failed rows.
+            # So far, the axial force of a floating bearing is 0 even in rows without a
+            # valid result. In these rows all components must be NaN.
             forces[self.torques.status != Status.OK] = np.nan
             forces_on_bearings[load.name] = forces
         return forces_on_bearings

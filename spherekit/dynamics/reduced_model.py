@@ -617,7 +617,10 @@ class StoredModel:
     def torque_from_values(
         self, configuration_values: list[float], x: Any, dx: Any, ddx: Any, t: Any
     ) -> Any:
-        """Return the torques (N m) at one point from values of the stored functions there.
+        """Return the torques (N m) that a motion needs at one point, while all loads act.
+
+        The torques are those of `torque`, which calls this method. Simulations call it
+        directly, because they already have the values of the stored functions at the point.
 
         Parameters
         ----------

@@ -237,12 +237,19 @@ class Sampler:
         )
 
     def label_motion_functions(self, heading: StoredHeading) -> list[FunctionLabel]:
-        """Return labels (name, unit, kind) of the stored functions of the motion.
+        """Return labels of the functions of the motion that the reduced model stores.
 
-        The functions are the pair variables (joint angles), their derivatives with respect
-        to the coordinates of the model, the inertia, its derivatives, and velocities of
-        loads. The power of a load is its size times its velocity. The labels are in the
-        order of `evaluate_motion`.
+        A label has the name, the unit and the kind of a function. Errors of small functions
+        are judged relative to larger functions of the same kind. The functions are:
+
+        1. the pair variables (joint angles);
+        2. their derivatives with respect to the coordinates of the model;
+        3. the inertia and its derivatives (for several coordinates its Christoffel
+           symbols), if the mechanism has masses or loads;
+        4. the velocities of loads on links. The size of a load times its velocity is its
+           power.
+
+        `_evaluate_motion` returns the values of the functions in the same order.
 
         Parameters
         ----------
@@ -807,6 +814,9 @@ def _choose_pole_axis(
 
 def _append_second_lap(first_lap: Floats, is_reversed: bool) -> Floats:
     """Return the directions of an axis over two laps of a closed curve.
+
+    After one lap some axes have the opposite direction. After two laps the directions of
+    all axes repeat. So directions over two laps can be continued periodically.
 
     Parameters
     ----------

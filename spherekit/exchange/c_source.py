@@ -451,12 +451,14 @@ def _write_function(source: FormulaSource, function: SourceFunction, scalar: str
 
 
 def _smooth_mode_head(source: FormulaSource, scalar: str) -> str:
-    """Return the head of the C function that selects an assembly mode at an input.
+    """Return the head (first line) of the C function that selects a mode at an input.
 
     An assembly mode (way to assemble the mechanism) is selected by numbers, the mode
-    values, which may change with the input. The C function takes the row ``k`` of the mode
-    in the array of modes, the input ``q`` (rad), and an array to which it writes the mode
-    values at this input.
+    values. Curves of configurations of two modes can cross. A "smooth" mode follows its
+    smooth curve through the crossing, where its mode values can change. So the mode values
+    depend on the input. The C function takes the row ``k`` of the mode in the array of
+    modes, the input ``q`` (rad), and an array to which it writes the mode values at this
+    input.
 
     If positions have a closed form, the mode values are the signs of the dyads (groups of
     two links), and the function returns nothing. Otherwise the mode values are the pair

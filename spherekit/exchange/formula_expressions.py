@@ -144,31 +144,31 @@ class SmoothModes(NamedTuple):
     inputs: Floats
 
     def pieces(self, mode: int) -> list[ModePiece]:
-        """Return the parts of the input's range in which a mode's values are constant.
+        """Return the parts of the input's range in which a mode has constant mode values.
 
-        A mode is one way to assemble the mechanism. The values select the mode in the
-        formulas.
+        Mode values are the numbers that select the mode in the formulas, such as signs of
+        dyads. They can change where the curve of the mode crosses another curve. The head
+        of a written source file lists the parts for its users.
 
         Parameters
         ----------
         mode
-            Position of the mode in the table.
+            Index of the mode in the arrays of this object.
 
         Returns
         -------
-        The parts in rising order of the input. Intervals without a known configuration of
-        the mode (NaN) extend the part before them. At the beginning of the range they are
-        left out.
+        The parts in rising order of the input. An interval without a known configuration of
+        the mode (NaN) belongs to the part before it, or to no part if there is none before.
         """
         pieces: list[ModePiece] = []
-        # Each interval has a row of values of the mode. At one input in the interval,
-        # `known_input`, a configuration of the mode is known.
+        # `known_input` is an input in the interval at which a configuration of the mode is
+        # known. The source file names it as an example.
         for start, known_input, values in zip(
             self.starts, self.inputs[:, mode], self.mode_values[:, mode], strict=True
         ):
             if np.isnan(known_input) or np.any(np.isnan(values)):
                 continue
-            # An interval with the values of the last part extends that part.
+            # An interval with the same values as the last part belongs to that part.
             if not pieces or not np.array_equal(pieces[-1].mode_values, values):
                 # The first interval begins at -inf, but the range begins at `low`.
                 start_in_range = max(start, self.low)

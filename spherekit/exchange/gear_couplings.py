@@ -200,6 +200,11 @@ class CoaxialHinges(NamedTuple):
 class Extent(NamedTuple):
     """How far points of a plane extend from the origin.
 
+    Each point has the rates (x, y) of two rotations in a motion that the couplings allow.
+    The extents tell whether the points fill the plane, are on a line through the origin, or
+    are all at the origin. Two links can be gears only if the points are on a line; see
+    `_find_implied_factors`.
+
     The extent along a direction is the root of the sum of the squares of the components of
     all points along this direction.
 
@@ -211,7 +216,8 @@ class Extent(NamedTuple):
         Extent at right angles to this direction; 0 if the points are on a line through the
         origin.
     smallest_direction
-        (2,) unit vector at right angles to the direction of the largest extent.
+        (2,) unit vector at right angles to the direction of the largest extent. If the
+        points are on a line, it is the normal of this line.
     """
 
     largest: float

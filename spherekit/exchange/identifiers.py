@@ -69,9 +69,11 @@ class NameRules:
     def is_taken(self, name: str) -> bool:
         """Return whether a text of letters, digits and underscores cannot be a new name.
 
-        This is so if it is empty or begins with a character that names cannot begin with,
-        if the language reserves the word or a pattern that it matches, or if an argument,
-        an intermediate term or a helper function of the generated sources has this name.
+        There are three reasons:
+
+        - The text is empty, or its first character cannot begin a name.
+        - The language reserves the name: it is one of `words`, or matches `families`.
+        - The generated source uses the name itself, for an argument, a term or a helper.
         """
         return bool(
             not name

@@ -485,7 +485,7 @@ class ImportedDynamics:
             g b0 + g^2 b1 theta + g^2 b2 dtheta.
 
         The table has this formula as text. Summands that are zero are left out. Limits of
-        the torque are left out with a note.
+        the torque are left out with a note to the user.
 
         Parameters
         ----------
@@ -498,6 +498,7 @@ class ImportedDynamics:
         """
         mj_model = self._mj_model
         joint, _ = mj_model.actuator_trnid[actuator]
+        # The limits of a constant force are not lost: `_find_bias` has applied them to b0.
         is_force_limited = mj_model.actuator_forcelimited[actuator] and np.any(bias[1:])
         if is_force_limited or mj_model.jnt_actfrclimited[joint]:
             self._linkage.notes.append(f"limits of the torque of actuator {name} left out")

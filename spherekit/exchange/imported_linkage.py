@@ -386,6 +386,8 @@ class ImportedLinkage:
     def _list_connections_without_balls(self) -> list[tuple[int, int]]:
         """Return the couples of links that are joined directly, other than by a ball joint.
 
+        The caller leaves out a ball joint if its links are connected without it.
+
         Links are joined directly by joints between a body and its parent in MuJoCo's tree
         of bodies, or by loop points: common points at which the model holds two links
         together.

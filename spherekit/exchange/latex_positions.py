@@ -668,7 +668,8 @@ class PositionFormulas:
         ------
         EngineError
             If the arc from k to v is 0 or 180 degrees, so that the tangent is not
-            determined. A free arc is never refused, since users insert its value.
+            determined. A free arc, which is a symbol in the formulas, is never refused.
+            Users insert its value.
         """
         axis_v = side.axis_v
         # Each axis has its arc from k (`arc`).
@@ -820,6 +821,9 @@ class PositionFormulas:
     def _write_tangent(self, link: int, pair: int) -> Expr:
         """Write the unit tangent to the reference arc of a placed link at a pair (joint).
 
+        The variable of a pair is measured between the reference arcs of its two links. A
+        placed link has a known frame, from which the tangent follows.
+
         Let k be the first axis of the link in the mechanism file. The reference arc leads
         from the axis of the pair to k. If the axis of the pair is k itself, the reference
         arc leads to the second axis of the link. The result is the expression to use for
@@ -829,7 +833,8 @@ class PositionFormulas:
         ------
         EngineError
             If the arc is 0 or 180 degrees, so that the tangent is not determined. A free
-            arc is never refused, since users insert its value.
+            arc, which is a symbol in the formulas, is never refused. Users insert its
+            value.
         """
         axis = self._find_axis(link, pair)
         # j is the tangent at k of the arc from k to the second axis of the link.

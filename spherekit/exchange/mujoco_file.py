@@ -222,9 +222,10 @@ class ForeignModel:
         return spec
 
     def _drop_disabled_parts(self) -> None:
-        """Set loads and limits to zero that flags of the file disable, with notes.
+        """Set to zero what flags of the file disable, so that it is not imported.
 
-        These are springs, dampers, dry friction, limits, and the compensation of weight.
+        Flags can disable springs, dampers, dry friction, limits, and the compensation of
+        weight. A note tells the user what was left out.
         """
         mj_model = self.mj_model
         bits = self.mujoco.mjtDisableBit

@@ -298,9 +298,12 @@ def _follow_mode_values(formulas: Formulas, motion: Floats, mode_values: Floats)
 def _choose_motion(formulas: Formulas) -> Floats:
     """Return values of the arguments for one configuration of each assembly mode.
 
+    With these values the caller evaluates the formulas, before and after a change of a
+    size. It thus finds the sizes that change no result.
+
     The configuration of a mode (way to assemble the mechanism) is at the inputs `Mode.at`.
     All other arguments, such as rates and accelerations, get arbitrary values that are not
-    zero, so that results which depend on rates are not all zero.
+    zero. Otherwise terms with rates would be zero, and their sizes would have no effect.
 
     Returns
     -------

@@ -201,11 +201,14 @@ class FormulaSource:
         """Names and numbers that are inserted in the template of `smooth_function`.
 
         An assembly mode (way to assemble the mechanism) is selected by a few numbers, its
-        mode values, such as the sign 1 or -1 of each dyad (two links). The range of the
-        input is divided into intervals, and a mode has mode values of its own in each
-        interval. `smooth_function` is a function of the generated source that returns the
-        mode values for a mode and an input. The function has a table with a row for each
-        interval and mode. Keys of the result are:
+        mode values, such as the sign 1 or -1 of each dyad (two links). The curves of
+        configurations of two modes can cross. A mode that follows its smooth curve through
+        a crossing can have other mode values beyond it. The crossings therefore divide the
+        range of the input into intervals.
+
+        `smooth_function` is a function of the generated source that returns the mode values
+        for a mode and an input. The function has a table with a row for each interval and
+        mode. Keys of the result are:
 
         - ``name``, ``mode``: names of the function and of the argument that selects a mode,
         - ``low``, ``high``, ``period``: range and period of the input (rad), as text,

@@ -608,6 +608,7 @@ class _MechanismReader:
                 f"the direction is already given by {direction_keys[0]}; leave one of the "
                 "two keys out",
             )
+        # The path is used only in messages about an axis. The direction may be a vector.
         direction = self.axis_or_vector((*path, "axis"), item)
         relative_to = item.get("relative_to", self.data["ground"])
         return Output(name, item["link"], relative_to, direction)

@@ -250,7 +250,8 @@ def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
     """
     square = _square(vector)
     square_rate = 2.0 * np.sum(vector * rate, axis=1, keepdims=True)
-    # The factor c is a polynomial of a^2, and `_SECOND_ORDER_SLOPE` its derivative.
+    # Dividing by a^2 fails at a = 0. So c is computed from its power series in a^2, cut off
+    # to a polynomial. `_SECOND_ORDER_SLOPE` is the derivative of this polynomial.
     c = _SECOND_ORDER_FACTOR(square)
     c_rate = _SECOND_ORDER_SLOPE(square) * square_rate
     product = cross(vector, w)

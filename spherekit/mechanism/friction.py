@@ -99,8 +99,9 @@ class Bearings(BearingFriction):
 
         A pair (hinge) has one or two bearings along its axis, at the distances `positions`
         from the centre of the sphere. Two bearings exert the moment and the force that the
-        pair transmits. A single bearing exerts the moment, and the force along the axis.
-        Without `forces`, the force is taken to be zero.
+        pair transmits. A single bearing exerts the moment by a force across the axis, at
+        its distance from the centre. The rest of the force across the axis then acts at the
+        centre, and is not in the result. Without `forces`, the force is taken to be zero.
 
         Parameters
         ----------
@@ -203,12 +204,14 @@ class Bearings(BearingFriction):
                 )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return the friction as one load component of magnitude -tanh(v / speed).
+        """Return the part of the friction that is known before the reactions.
 
-        Here v is the rate of the pair. The friction moment (N m) is this magnitude times
-        the coefficient, the radius and the sum of the forces on the bearings. These factors
-        are not in the component, because the forces are known only after the reactions have
-        been computed. If the coefficient or the radius is 0, the magnitude is 0.
+        The friction moment (N m) is -tanh(v / speed) times the coefficient, the radius and
+        the sum of the forces on the bearings. Here v is the rate of the pair, and `speed`
+        is the attribute. The forces are known only after the reactions have been computed.
+        The result is therefore a single load component (a magnitude and the pair on which
+        it acts) with the factor -tanh(v / speed) as its magnitude. If the coefficient or
+        the radius is 0, the magnitude is 0.
         """
         magnitude = f"-tanh(dtheta_{self.pair}/{format_number(self.speed)})"
         if not self.friction_coefficient > 0.0:
@@ -276,12 +279,14 @@ class ContactFriction(BearingFriction):
         return push[..., None, :]
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return the friction as one load component of magnitude -tanh(v / speed).
+        """Return the part of the friction that is known before the reactions.
 
-        Here v is the sliding rate. The friction moment is this magnitude times the
-        coefficient times the push, the moment (N m) of the normal force about the centre.
-        These factors are not in the component, because the push is known only after the
-        reactions have been computed. If the coefficient is 0, the magnitude is 0.
+        The friction moment (N m) is -tanh(v / speed) times the coefficient times the push.
+        Here v is the sliding rate, `speed` is the attribute, and the push is the moment of
+        the normal force about the centre. The push is known only after the reactions have
+        been computed. The result is therefore a single load component (a magnitude and the
+        pair on which it acts) with the factor -tanh(v / speed) as its magnitude. If the
+        coefficient is 0, the magnitude is 0.
         """
         if not self.friction_coefficient > 0.0:
             return (LoadComponent(parse("0", [])),)

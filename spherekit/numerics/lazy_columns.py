@@ -237,7 +237,8 @@ def _divide_into_parts(
     if not isinstance(column, Interleaved):
         return [_PartCopy(column, output, spans)]
     count = len(column.parts)
-    # A column without subjects has no rows.
+    # A span begins with the first subject and ends with the last one. So the same rows are
+    # copied in all parts. A column without subjects has no rows.
     part_spans = _count_in_part(spans, count) if count else []
     return [
         _PartCopy(part, output[subject::count], part_spans)

@@ -77,15 +77,16 @@ def find_local_minima(
     # Three successive samples with the smallest in the middle are a bracket of a minimum.
     # Comparisons with NaN are false.
     is_minimum = (center < before) & (center <= after) & (center <= limit)
-    # A minimum has to be deeper than the rounding errors of a constant function. If it is
-    # midway between two samples, these are equal, and the next sample shows the depth.
+    # A minimum has to be deeper than the rounding errors of a constant function. On each
+    # side, its depth is measured against the higher one of the two nearest samples. One
+    # sample is not enough: if a minimum is midway between two samples, these are equal.
     higher_before = np.fmax(before, np.append(y[0], y[:-3]))
     higher_after = np.fmax(after, np.append(y[3:], y[-1]))
     depth = np.minimum(higher_before, higher_after) - center
     is_minimum &= depth > MIN_DEPTH_RATIO * center
     (index,) = np.nonzero(is_minimum)
-    # `index` counts `before`, so the two neighbours of a minimum are the samples at `index`
-    # and `index + 2`. These samples are the ends of the bracket of the minimum.
+    # `center` begins with the second sample, so the smallest sample is `index + 1` in `x`.
+    # Its neighbours, `index` and `index + 2`, are the ends of the bracket.
     positions = minimize_in_brackets(
         function,
         low=x[index],

@@ -222,11 +222,15 @@ class FollowedRotation(RotationPath):
     def _leaps_of_type_2(self) -> Floats:
         """Return the leaps (n,) at which the inputs do not determine the output (rad).
 
-        A leap can also lie before the start or beyond the end of the rotation, and the
-        inputs can determine the output there. Such leaps are left out.
+        A leap is the angle of a singular configuration that the tracking of the path has
+        stepped over. `crossings` lists only those at which the inputs do not determine the
+        output, so all others are left out here. Leaps before the start or beyond the end of
+        the rotation are also left out.
         """
         leaps = np.array(self.leaps)
-        # A leap is known to about the tolerance of its smoothness.
+        # The angle of a leap is computed on an interpolated path. `LEAP_SMOOTHNESS_RAD` is
+        # the largest error of this interpolation. A leap at an end of the rotation may
+        # therefore seem to lie slightly outside.
         is_in_range = (leaps >= -LEAP_SMOOTHNESS_RAD) & (
             leaps <= self.reached + LEAP_SMOOTHNESS_RAD
         )

@@ -239,12 +239,14 @@ class MidPlaneArchitecture:
         z >= 0, has the angles phi = -2 arcsin(x) and gamma = 2 arcsin(y) of Chen et al.
         2021. Their derivatives are -2 x' / sqrt(1 - x^2) and 2 y' / sqrt(1 - y^2). The
         components are those in mirror axes: the axes of the base, turned by the constant
-        matrix `frame`.
+        matrix `frame`. The normal follows from the direction of the output: this direction
+        is the mirror image of a constant direction of the base, `home`.
 
         Parameters
         ----------
         directions
-            (n, 3) directions of the output in the axes of the base.
+            (n, 3) direction of the output (the unit vector, fixed in the end effector, that
+            the output declares) in the axes of the base.
         angular_velocities
             (n, 3, k) angular velocity of the output per unit rate of each of k variables,
             in the axes of the base.

@@ -545,8 +545,10 @@ class PoseFinder:
     def _find_modes(self, candidates: PoseCandidates) -> list[tuple[str, str]]:
         """Return the labels of the assembly mode and working mode of each configuration.
 
-        Configurations in the same mode at the start and end of a rotation are preferred. A
-        dyad is two links that can be placed in two ways, which its sign distinguishes. In
+        `resolve_end` compares the labels at the start and at the end of a rotation. It
+        prefers an end with the labels of the start.
+
+        A dyad is two links that can be placed in two ways, which its sign distinguishes. In
         an assembly mode, links are placed from known inputs. In a working mode, they are
         placed from a known pose of the output. Different links can form the dyads in both
         cases.
@@ -572,7 +574,8 @@ class PoseFinder:
         if not kinematics.has_closed_form:
             return without_working_modes
         poses = candidates.orientations
-        # With two inputs a pose is the direction of the output, otherwise its orientation.
+        # `wrist.points` tells whether the output is a direction, as with two inputs.
+        # Otherwise a pose is the orientation of the output.
         has_direction_poses = kinematics.wrist.points
         if has_direction_poses:
             poses = poses @ np.array(self.output.direction)
@@ -591,10 +594,11 @@ class PoseFinder:
         The rotation is a path of configurations along which the output link turns about one
         fixed axis. It is followed numerically, step by step.
 
-        In a mid-plane symmetric architecture, base and output link mirror each other in a
-        plane. If the axis lies in this plane at the start, formulas give every
-        configuration, and the start may be singular. In all other cases the start must not
-        be singular.
+        In a mid-plane symmetric architecture, the output link is a mirror image of the base
+        in a plane, the mid-plane. If it stays one during the whole rotation, formulas give
+        every configuration, and the start may be singular. This is the case if the axis
+        lies in the mid-plane at the start. In all other cases the start must not be
+        singular.
 
         Parameters
         ----------
@@ -620,8 +624,8 @@ class PoseFinder:
                 rotation = _rotate_to_mirror_image(
                     architecture, start_orientation, signs, end
                 )
-            # None means that the axis is not in the mid-plane, or the end is no mirror
-            # image.
+            # None means that the formulas do not apply: the axis is not in the mid-plane,
+            # or the output link is no mirror image of the base at the end.
             if rotation is not None:
                 return rotation
 

@@ -322,10 +322,13 @@ class TargetDeviation:
     def _transmitted_moments(self, output_moment: Floats, reactions: Floats) -> Floats:
         """Return the moments (n, variables, 3) that pairs transmit, for each variable.
 
-        Each variable belongs to a pair (joint), and has the moment of this pair. A moment
-        on the output link is transmitted by the pairs on the path from body 0 (the base) to
-        this link. The reaction of a loop is transmitted by all pairs of the loop. The
-        moment of a pair is the sum of both.
+        The derivatives of the deviation contain these moments; see `_pair_moments`. The
+        same sums give the rates of the moments from the rates of both arguments.
+
+        Each variable belongs to a pair (joint), and has the moment of this pair. The pairs
+        on the path from body 0 (the base) to the output link transmit the moment on this
+        link. All pairs of a loop transmit the reaction of the loop. The moment of a pair is
+        the sum of these moments.
 
         Parameters
         ----------

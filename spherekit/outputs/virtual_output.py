@@ -1,10 +1,10 @@
 """A mechanism that is driven at its output, by means of two virtual links.
 
 Two virtual links and three R pairs between the two links that the output joins (a virtual
-wrist) do not change the mobility. The angles of the three pairs are the coordinates of the
-output: Euler angles of an orientation, or azimuth, tilt and turn of a direction. If the
-three pairs of an orientation are driven, or the first two of a direction, the inverse
-kinematics is the position analysis of an ordinary mechanism.
+wrist) do not change the mobility. The angles of these pairs give the coordinates of the
+output: three Euler angles of an orientation, or azimuth and tilt of a direction. About a
+direction the third pair turns freely. If the pairs of the coordinates are driven, the
+inverse kinematics is the position analysis of an ordinary mechanism.
 """
 
 from collections.abc import Mapping, Sequence
@@ -246,10 +246,12 @@ def _add_to_sizes(
 ) -> SizeGeometry:
     """Return the sizes of all links with three virtual pairs added.
 
-    Two virtual links and three virtual pairs in series hold the output link in its pose.
-    The angles of these pairs are the coordinates of the pose: Euler angles about z, y and z
-    of an orientation, or azimuth, tilt and turn of a direction. The new sizes are computed
-    from the frames of all pairs.
+    The virtual pairs serve for inverse kinematics. With two virtual links they form a chain
+    from the base to the output link. Their angles are Euler angles about z, y and z. All
+    three are coordinates of an orientation. The first two, azimuth and tilt, are
+    coordinates of a direction; the third pair then turns freely about the direction.
+
+    The new sizes are computed from the frames of all pairs.
 
     Parameters
     ----------

@@ -89,7 +89,7 @@ def find_assembled_configuration(
         )
     is_closed = linearisation.closure_residual < CLOSURE_TOLERANCE
     # Choose the configuration with the smallest sum of absolute inputs among those whose
-    # lengths some inputs roll. If sums are equal up to rounding, the first one is chosen.
+    # lengths belong to some inputs. If sums are equal up to rounding, the first is chosen.
     best_configuration = None
     least_sum = np.inf
     for configuration in linearisation.values[is_closed]:
@@ -223,12 +223,12 @@ def _can_be_rolled(gear_phases: GearPhases, lengths: Floats) -> Bools:
 def _find_input_revolutions(
     gear_phases: GearPhases, q: Floats, lengths: Floats
 ) -> Floats | None:
-    """Return inputs that roll the given lengths and differ from q by whole revolutions.
+    """Return inputs that differ from q by whole revolutions and give certain lengths.
 
     Closed loops determine the inputs only up to whole revolutions. The lengths that the
     wheels have rolled on each other decide how many revolutions there are. Any number is
-    recognised if no other inputs roll the same lengths, or if the other inputs can stay at
-    q. All combinations are tried up to half a period from q, but at most
+    found if no other inputs give the same lengths, or if the other inputs can stay at q.
+    All combinations are tried up to half a period from q, but at most
     `MAX_INPUT_REVOLUTIONS` in both directions. A period is the change of an input after
     which all wheels are in their first positions again.
 
@@ -244,7 +244,7 @@ def _find_input_revolutions(
     Returns
     -------
     (inputs,) rad, with the smallest sum of absolute values. None if none of the tried
-    inputs roll the lengths.
+    inputs give the lengths.
     """
     inputs = np.concatenate(
         [
@@ -260,11 +260,14 @@ def _find_input_revolutions(
 
 
 def _solve_input_revolutions(gear_phases: GearPhases, q: Floats, lengths: Floats) -> Floats:
-    """Return inputs that may roll given lengths and differ from q by whole revolutions.
+    """Return inputs that differ from q by whole revolutions and may give certain lengths.
 
-    The equations between lengths and inputs are solved for some of the inputs, while the
-    others stay at q. The numbers of revolutions are rounded, so the lengths of the results
-    must still be compared.
+    A rolled length is the arc (rad) that one wheel has rolled on another. The lengths are
+    linear functions of the inputs. The lengths may not determine all inputs. So these
+    equations are solved for each subset of the inputs, while the other inputs stay at q.
+
+    The solutions are rounded to whole revolutions. A rounded solution may belong to other
+    lengths, so the caller compares the lengths.
 
     Parameters
     ----------
@@ -277,7 +280,7 @@ def _solve_input_revolutions(gear_phases: GearPhases, q: Floats, lengths: Floats
 
     Returns
     -------
-    (n, inputs) rad, one row for each choice of inputs that are not at q.
+    (n, inputs) rad, one row for each subset of the inputs.
     """
     length_change = lengths - gear_phases.rolled_lengths(q[None])[0]
     candidates = []

@@ -37,17 +37,19 @@ TINY_STEP_RAD = 1e-300
 
 
 class NewtonSteps(NamedTuple):
-    """How Newton's method started, from n starts.
+    """Sizes of the first two Newton steps from n starts.
 
-    Both numbers are small if the start was near a solution.
+    Both attributes are small if the start was near a solution. When a curve of
+    configurations is followed, a large value shows that the result may be on another curve.
 
     Attributes
     ----------
     first_step
-        (n,) the largest component of the first step (rad), before it is shortened.
+        (n,) the largest component of the first Newton step (rad). `newton` may take a
+        shorter step, but this is the full one.
     contraction
-        (n,) the largest component of the second step, divided by `first_step`. 0 if there
-        was one step only.
+        (n,) the largest component of the second Newton step, divided by `first_step`. 0 if
+        there was one step only.
     """
 
     first_step: Floats

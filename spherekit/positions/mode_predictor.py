@@ -69,8 +69,8 @@ class ModePrediction(NamedTuple):
         (n, variables) predicted pair variables (rad).
     spread
         (n,) largest change of a variable between the two nodes around the sample (rad). The
-        permitted error of the prediction grows with it. Zero if the values are exact, or if
-        there is only one node.
+        permitted error of the prediction grows with it. Zero if nothing is interpolated, or
+        if there is only one node.
     status
         (n,) OK, or a code that says why the mode has no configuration at the sample.
     """
@@ -162,8 +162,9 @@ class ModeCurve:
 class ModeOverGrid(NamedTuple):
     """Configurations of an assembly mode (one way to assemble) at n samples of inputs.
 
-    Only the configurations at the samples are known. The class is used for mechanisms with
-    several inputs.
+    The class is used for mechanisms with several inputs, and `ModeCurve` for one input.
+    Both have the method `predict`, which gives the start values of Newton's method. Here
+    they are known at the samples only.
 
     Attributes
     ----------
@@ -180,12 +181,13 @@ class ModeOverGrid(NamedTuple):
         """Return the configurations at the samples with the indices `rows` (m,).
 
         The configurations are stored, so nothing is interpolated. `q` (m, inputs) are the
-        inputs (rad) at these samples.
+        inputs (rad) at these samples. The indices are needed here; they may be None only in
+        `ModeCurve.predict`, which has the same parameters.
         """
         assert rows is not None
         return ModePrediction(
             values=self.values[rows],
-            # The values are exact.
+            # Stored configurations have no interpolation error.
             spread=np.zeros(len(q)),
             status=self.status[rows],
         )

@@ -237,14 +237,16 @@ class ModesOverRange:
         (curve,) = self._follow_configurations(values)
         self._add_mode(curve)
         # The pose can be outside the range, and its mode may end before the range begins.
-        # Another mode on the same curve of configurations may reach the range. With wheels,
-        # this curve is followed here. Without wheels, the constructor then searches all
-        # modes. `gear_phases` is None for a mechanism without wheels.
+        # Another mode on the same curve of configurations may reach the range. If there are
+        # wheels, this curve is followed here; along it, the wheels stay meshed as in the
+        # pose. If still no mode was found, the constructor searches all modes.
+        # `gear_phases` is None for a mechanism without wheels.
         has_wheels = solver.gear_phases is not None
         if not self.assembly_modes and has_wheels:
             self._add_modes_on_curve(values[0])
-        # With redundant constraints, `_follow_configurations` has stored the degrees of
-        # freedom of the pose. More than one is no error, because the pose may be singular.
+        # `_follow_configurations` has computed the degrees of freedom of the pose if
+        # constraints are redundant. With none, the pose cannot move, which is an error.
+        # More than one is no error, because the pose may be singular.
         if self._mobilities:
             mobility_of_pose = self._mobilities[0]
             if mobility_of_pose < 1:
@@ -435,6 +437,9 @@ class ModesOverRange:
         Elimination reduces the closure equations of a group of links to a polynomial. Its
         roots are all configurations of the group at this input.
 
+        In some intervals of the input, turning points may have been missed. Such a doubtful
+        interval is examined at several inputs, unless it is very short.
+
         Two attributes are set: `crossings`, the configurations at which curves of modes
         cross, and `methods`, how each group was solved.
 
@@ -443,25 +448,26 @@ class ModesOverRange:
         How complete the modes are. None if elimination has not found all modes at an input.
         """
         low, high = self.input_grid.range
-        # The search is limited: `max_cost_s` for one evaluation, `max_time_s` in all.
+        # Modes meet where a function of the input changes its sign. `max_cost_s` limits the
+        # time for one of its values, and `max_time_s` limits that of the whole search.
         turning_points = find_input_turning_points(
             self.solver, low, high, max_cost_s=RUN_COST_S, max_time_s=RUN_TIME_S
         )
         self.crossings = turning_points.crossings
-        # Where turning points may have been missed, inputs at this distance are examined.
+        # Largest distance (rad) of the examined inputs (probes) in a doubtful interval.
         step = (high - low) / PROBED_INTERVALS
         # `methods` says afterwards whether solutions of a group can be missing.
         self._compute_modes_at(turning_points.probes(step)[:, None])
         if not all_complete(self.methods):
             return None
         completeness = turning_points.claim(step)
-        # Width of the widest interval in which turning points may have been missed.
+        # Width (rad) of the widest part of a doubtful interval without a probe.
         doubtful_width = turning_points.gap(step)
         if doubtful_width == 0.0:
             return completeness
-        # A mode that begins and ends between two examined inputs was not noticed. Two
-        # searches may still show it: along the curves beyond the ends of known modes, and
-        # from random starts.
+        # A mode that begins and ends between two probes was not noticed. Two searches may
+        # still show it: along the curves beyond the ends of known modes, and from random
+        # starts.
         self._follow_modes_beyond_their_ends()
         statistics = self._search_from_random_starts()
         # A component is a connected curve of configurations, with one or more modes. The

@@ -111,9 +111,15 @@ class Motion(ArrayRows):
         return f"<Motion of {self.mechanism.name}: {size}; {rows_by_status}>"
 
     def rows(self, chosen: slice | Array) -> Self:
-        """Return some rows as a motion. `assembly_modes` still has all modes.
+        """Return a motion with only some of the rows.
 
-        `samples` becomes the number of these rows, as if they were of one mode.
+        `assembly_modes` still lists all modes, and `samples` is the number of chosen rows.
+        Use `assembly_mode` and `sample` to find the mode and the sample of a row.
+
+        Parameters
+        ----------
+        chosen
+            A mask, a slice or indices of the rows.
         """
         part = super().rows(chosen)
         return replace(part, samples=len(part))
@@ -233,10 +239,13 @@ class Motion(ArrayRows):
 
     @property
     def fold_error(self) -> Floats:
-        """(n,) approximate error (rad) of the variables in rows at a dead centre.
+        """(n,) estimated errors (rad) of the variables, for rows at a dead centre.
 
-        At a dead centre the closure residual r changes with the square of the error x of
-        the variables, about as c x^2. Therefore x is about sqrt(r / c).
+        At a dead centre the `kantorovich_error` is infinite. There an error x of the
+        variables changes the closure residuals by about c x^2. Residuals of size r are
+        therefore possible with an error of about sqrt(r / c). Here r is the
+        `residual_bound`, and c is a bound of the second derivatives of the residuals. In
+        rows far from a dead centre, the estimate is much larger than the error.
         """
         return np.sqrt(self.residual_bound / self._curvature_bound)
 

@@ -253,8 +253,10 @@ class PositionSolver:
     def wheel_trains(self) -> frozenset[int]:
         """Positions, in solving order, of the groups of bodies that are trains of wheels.
 
-        A group is a set of bodies that are placed together. The group is a train of wheels
-        if two conditions are met:
+        A group is a set of bodies that are placed together. A train of wheels has only one
+        assembly mode (way to assemble it) at given inputs, which gear ratios determine. So
+        no search for modes is needed. A group is a train of wheels if two conditions are
+        met:
 
         - Gear ratios give the angles of enough revolute pairs to place all bodies.
         - It has contacts, and all of them are rolling contacts of the gear train.

@@ -414,8 +414,9 @@ def _find_representative_rows(closure: Closure, sample: Indices) -> Indices:
 
     The result serves to solve equal equations once. Groups of links are placed one after
     the other. A row is one configuration of the groups placed so far, at one sample of the
-    inputs. The result is the first row of the same sample if the equations are equal there,
-    otherwise the row itself.
+    inputs. So a sample has several rows if the earlier groups have several configurations.
+    Each row is compared with the first row of its sample. The result is this first row if
+    the equations of the next group are equal in both, otherwise the row itself.
 
     Parameters
     ----------
@@ -426,9 +427,10 @@ def _find_representative_rows(closure: Closure, sample: Indices) -> Indices:
     """
     # For each row the first row with the same sample (`sample` is sorted).
     first_row = np.searchsorted(sample, sample)
-    # The links that have been placed so far form rigid bodies. The equations of the next
-    # group depend on earlier groups only through the orientations of links in these
-    # bodies. These orientations are compared for both links of all pairs.
+    # At given angles of the pairs that have been placed, the links that these pairs join
+    # form rigid bodies. The next group joins these bodies by its pairs. Its equations
+    # depend on the earlier groups only by the orientations of links in their bodies. So
+    # these orientations are compared, for the first and the second link of each pair.
     assert closure.body_from_links is not None
     first_links, second_links = closure.body_from_links  # (n, pairs, 3, 3) each
     # (n,) largest difference of any number of a row.

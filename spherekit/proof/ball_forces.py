@@ -48,8 +48,8 @@ def equivalent_inertia(
     B is twice the kinetic energy at unit rate of the coordinate: the sum of w_j . I_j w_j
     over all links j with mass. Here w_j is the angular velocity at unit rate, and I_j the
     inertia tensor about the centre of the sphere. The derivative of B is twice the sum of
-    w_j' . I_j w_j; the rotation of I_j adds nothing. A ball is a number with a bound of its
-    error.
+    w_j' . I_j w_j. The rotation of I_j adds only terms w_j . (w_j x I_j w_j), which are
+    zero. A ball is a number with a bound of its error.
 
     Parameters
     ----------

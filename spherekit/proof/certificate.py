@@ -414,7 +414,7 @@ def wheels_certificate(
 
 
 def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
-    """Return all poles in all certified assembly modes, with bounds of their errors.
+    """Return the table of poles for a certificate of assembly modes, with error bounds.
 
     A pole is the axis of the relative rotation of two links, while one input moves and the
     other inputs are locked. The velocity coefficient is the relative angular velocity of
@@ -428,7 +428,8 @@ def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
     """
     structure = modes.decimal_mechanism.structure
     rows = []
-    # For each mode `narrow_balls` gives the balls of all variables as they were proven.
+    # `balls_of_modes` has for each mode the balls of all variables. Within the context,
+    # arithmetic has the number of bits with which the modes were proven.
     with modes.narrow_balls() as (equations, balls_of_modes):
         for mode, variables in enumerate(balls_of_modes):
             for pole in enclose_poles(equations, variables):

@@ -597,9 +597,11 @@ def placing_orders(
     def remove_bodies(
         remaining: frozenset[int], order: PlacingOrder
     ) -> Iterator[PlacingOrder]:
-        """Yield the orders of placing all bodies whose last part is `order`.
+        """Yield the placing orders that end with the sequence `order`.
 
-        Bodies are removed one after another, and placed in the opposite order.
+        The search removes bodies one after another; placing is the reverse. A body can be
+        removed if one or two pairs join it to the other remaining bodies. It can then be
+        placed after these.
 
         Parameters
         ----------

@@ -132,16 +132,18 @@ def _great_circle_tangents(
 
 @dataclass(frozen=True)
 class _ContactCircle:
-    """A circle along which a link touches another one, in balls.
+    """The circle of one link in a contact pair, such as a pair of bevel gears.
 
-    A ball is a number with a bound of its error.
+    It touches the circle of the other link. All numbers are balls: numbers with a bound of
+    their error.
 
     Attributes
     ----------
     centre
-        Unit vector (3,) in link axes. The centre of a great circle is its pole.
+        Unit vector (3,) in link axes. A flat follower has a great circle, whose centre is
+        its pole.
     radius
-        Angular radius (rad).
+        Angular radius (rad). It is pi / 2 for a great circle.
     """
 
     centre: Vector

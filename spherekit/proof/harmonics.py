@@ -232,6 +232,8 @@ class _NodeEvaluator:
     def evaluate_equation(self, equation: int, node_counts: Sequence[int]) -> Array:
         """Return the values of one equation at a grid of evenly spaced angles (nodes).
 
+        A discrete Fourier transform of these values gives the coefficients of the equation.
+
         Parameters
         ----------
         equation
@@ -246,10 +248,11 @@ class _NodeEvaluator:
         """
         values = np.empty(node_counts, dtype=object)
         for index in np.ndindex(*node_counts):
+            # For each variable: the index of its angle, and the number of angles in a turn.
             node = tuple(zip(index, node_counts, strict=True))
             # The values (k,) of all k equations at a node are computed once and stored.
             if node not in self._values_by_node:
-                angles = [2 * pi_ball() * number / count for number, count in node]
+                angles = [2 * pi_ball() * j / count for j, count in node]
                 self._values_by_node[node] = self._evaluate(angles)
             values[index] = self._values_by_node[node][equation]
         return values

@@ -192,6 +192,8 @@ class EquationSystem:
         All other variables are given: inputs, and unknowns of other systems. Some of these
         may not occur in the equations.
 
+        No root is missing if as many distinct roots are found as the bound permits.
+
         Parameters
         ----------
         equations
@@ -467,7 +469,22 @@ class EquationSystem:
         return requested, self._solve_by_homotopy(polynomials)
 
     def _solve_by_homotopy(self, polynomials: Polynomials) -> Complexes:
-        """Return e^(i angle) (bound, k) of all roots, zeros if some are lost."""
+        """Return all roots of a system, computed by a homotopy without known roots.
+
+        A homotopy follows paths from the roots of random equations to those of the system.
+        Sometimes it loses a path. Homotopies with other random numbers are then tried.
+
+        Parameters
+        ----------
+        polynomials
+            The equations of the system, at one set of values of its given variables.
+
+        Returns
+        -------
+        (bound, k) numbers e^(i angle) of the k unknowns in each root. `bound` is the
+            largest number of roots that the system can have. All numbers are zero if no
+            homotopy finds so many roots.
+        """
         for seed in range(HOMOTOPY_SEEDS):
             approximations = track_homotopy(polynomials, seed)
             roots, has_converged = polish_roots(polynomials, approximations)
@@ -475,7 +492,8 @@ class EquationSystem:
             if not len(roots.z):
                 continue
             (gaps,) = roots.pairwise_gaps(len(roots.z))
-            # The lower triangle has the gaps to roots with a smaller number.
+            # Two paths can lead to the same root, which is kept once. A root is left out if
+            # its gap to an earlier root (in the lower triangle) is small.
             repeats_another = np.any(np.tril(gaps < SAME_ROOT_GAP, -1), axis=1)
             roots = roots.select_roots(~repeats_another)
             if len(roots.z) == self.bound:

@@ -490,7 +490,9 @@ class ReducedEquation:
         coordinates u and v of z. These determine z and g, which are thus functions of u and
         v. Where g(u, v) is 0, z is a configuration.
 
-        The given z and g satisfy F(z) = g l only approximately. Both are corrected with
+        The points z for all u and v form a surface. A proof about a saddle of g needs g and
+        its slopes at a point of this surface, with error bounds. The given z is only near
+        the surface: z and g satisfy F(z) = g l approximately. Both are corrected with
         constant u and v. The result is g, with its slopes, at the corrected z.
 
         Parameters

@@ -532,11 +532,12 @@ def _find_relative_motion(reference: ExactRows, pole: Pole) -> _RelativeMotion:
 
 
 def _relative_size(relative: Array, vectors: Array, pole: Pole) -> Floats:
-    """Return the size of the difference of two links' vectors, relative to their own size.
+    """Return the size of the difference of two links' vectors, relative to these vectors.
 
-    The result shows whether the difference is more than rounding. The vectors are angular
-    velocities at unit rate of the input, or their derivatives. A size is the largest
-    magnitude of a component. Own sizes below 1, the rate of the input, count as 1.
+    The caller compares the result with a rounding error, to see whether the difference is
+    more than rounding. The vectors are angular velocities at unit rate of the input, or
+    their derivatives. The size of a vector is the largest magnitude of its components. If
+    both vectors are smaller than 1 (the rate of the input), the difference is divided by 1.
 
     Parameters
     ----------

@@ -67,7 +67,9 @@ class Polynomials:
 
     Systems are parts of the equations of a mechanism, and are solved one after another. The
     polynomials are in z = e^(i angle) of each unknown angle of this system. All other
-    angles have given values: the inputs, and the unknowns of earlier systems.
+    angles have given values: the inputs, and the unknowns of earlier systems. Common
+    roots with all |z| = 1 have real angles, so they are real solutions of the system.
+    Proofs of roots need the error bounds.
 
     Attributes
     ----------
@@ -80,7 +82,8 @@ class Polynomials:
         For each equation (m, given, ...): derivatives of the coefficients with respect to
         the given variables.
     error
-        (k,) for each equation a bound of the errors of its coefficients.
+        (k,) for each equation a number that bounds the error of each single coefficient and
+        of each derivative of a coefficient.
     derivative_bound
         (k,) for each equation a number C that bounds its derivatives at real angles, by
         Bernstein's inequality. The magnitude of a derivative is at most C times the degree
@@ -867,10 +870,13 @@ def classify_real_roots(
 
 
 def _bound_mirror_distance(magnitude: Floats, radius: Floats) -> Floats:
-    """Return how far mirror images of points near c are from c, at most.
+    """Return a bound of the distance from c to the mirror image of any point near c.
 
-    The mirror image of a complex number z in the unit circle is 1/conj(z). The distance
-    helps to prove that |z| = 1. For all z with ``|z - c|`` up to the radius r,
+    The mirror image of a complex number z in the unit circle is 1/conj(z). Here z is a
+    coordinate of a root, and c its approximation. The mirror image of a root is a root,
+    too. If it is so near c that there is only one root, both are the same root. This
+    proves |z| = 1; see `classify_real_roots`. For all z with ``|z - c|`` up to the radius
+    r,
 
         |1/conj(z) - c| <= |1/conj(z) - 1/conj(c)| + |1/conj(c) - c|
                         <= r / ((|c| - r) |c|) + ||c| - 1/|c||.
@@ -884,5 +890,7 @@ def _bound_mirror_distance(magnitude: Floats, radius: Floats) -> Floats:
     """
     spread_of_mirrors = radius / ((magnitude - radius) * magnitude)
     mirror_of_centre = np.abs(magnitude - 1.0 / magnitude)
-    # 1e-14 covers the rounding of this sum.
+    # If |c| is near 1, the difference above is small, and its rounding error is not small
+    # compared with it. 1e-14 covers this error. The caller covers relative errors by
+    # `ROUND_UP`.
     return spread_of_mirrors + mirror_of_centre + 1e-14

@@ -576,10 +576,16 @@ def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) ->
 def _bound_distance_from_saddle(hessian: Array, level: Ball) -> float:
     """Return a lower bound of m, the larger of |u| and |v|, on arcs that pass a saddle.
 
-    The arcs are zeros of a function g(u, v) = level + Q(u, v) / 2 up to errors, with the
-    quadratic form Q of the second derivatives g''. So |Q| is about 2 |level| on the arcs.
-    Also, |Q| is at most m^2 times the sum of the magnitudes of the elements of g''. This
-    gives m^2 > |level| / sum; the factor 2 is left out to allow for the errors.
+    The caller divides errors by m, and so needs the least m of the arcs.
+
+    The arcs are zeros of a function g(u, v) = level + Q(u, v) / 2 up to an error, with the
+    quadratic form Q of the second derivatives g''. Without the error, |Q| is 2 |level| on
+    the arcs. The bound allows for errors of Q up to |level|, so that |Q| >= |level|. Also,
+    |Q| <= m^2 S, where S is the sum of the magnitudes of the elements of g''. Both give
+    m^2 >= |level| / S.
+
+    The bound may be false if the error of Q is larger. Nothing is proven then, because
+    `relative_form_error` exceeds S, and `_bound_arm_slopes` raises `ZeroDivisionError`.
 
     Parameters
     ----------

@@ -641,8 +641,10 @@ def _bound_rise_to_sides(
 ) -> float:
     """Return a lower bound of g(u, v) - g(0, 0) on the sides u = +-u_limit of a rectangle.
 
-    g is a function with configuration curves as zeros, convex in u. The bound is Taylor's
-    formula from the centre with the least g_uu (positive), and all other terms negative:
+    g is a function with configuration curves as zeros, convex in u. A test of a saddle
+    (where the curves cross or nearly do) requires that g rises enough from the centre. The
+    bound is Taylor's formula from the centre with the least g_uu (positive), and all other
+    terms negative:
 
         g_uu u^2 / 2 - |g_uv| |u v| - |g_vv| v^2 / 2 - |g_u| |u| - |g_v| |v|.
 
@@ -673,18 +675,22 @@ def _bound_rise_to_sides(
 def _bound_descent_along_v(height: float, slope_v: float, hessian: Array) -> float:
     """Return a lower bound of g(0, 0) - g(0, v) at v = height and at v = -height.
 
-    g(u, v) is a function with configuration curves as zeros, concave in v. The bound is
-    Taylor's formula of second order along v, with the least curvature on the way.
+    g(u, v) is a function with configuration curves as zeros, concave in v. Two tests of a
+    saddle (where the curves cross or nearly do) require that g descends enough from the
+    centre. The bound is Taylor's formula of second order along v, with the least curvature
+    on the way.
 
     Parameters
     ----------
     height
         Distance (rad) along v.
     slope_v
-        Upper bound of the magnitude of the slope of g by v at the centre.
+        Upper bound of the magnitude of the slope of g along v at the centre.
     hessian
         (2, 2) balls (numbers with error bounds) that contain the second derivatives in a
-        whole rectangle about the centre; that with respect to v is negative.
+        whole rectangle about the centre. The second derivative with respect to v is
+        negative.
     """
+    # g_vv is negative, so its least magnitude gives the smallest descent.
     least_vv = lower_magnitude(hessian[1, 1])
     return float(0.5 * least_vv * height**2 - slope_v * height)

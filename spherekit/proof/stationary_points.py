@@ -474,7 +474,9 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
 
     A stretch is a part of a curve of configurations, and starts at the centre of an arc of
     the curve (`stretch.piece`). The stretch is undecided: the proof does not show whether
-    the variable is stationary in it.
+    the variable is stationary in it. If the variable is the input, modes (ways to assemble
+    the links) cannot be counted at the inputs in the stretch. The bound limits these inputs
+    (`CertifiedCurves.undecided_ranges`).
 
     Parameters
     ----------
@@ -485,8 +487,8 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
 
     Returns
     -------
-    The position of the start, with the bound (rad) as `error`. The bound is the smaller of
-    two bounds.
+    The position of the start, with the bound (rad) as `error`. It is the smaller of two
+    bounds: one from a box around the stretch, the other from the largest rate.
     """
     change_in_box = _bound_change_by_box(stretch, variable)
     change_along_curve = _bound_change_by_rate(stretch, variable)

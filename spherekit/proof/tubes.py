@@ -409,14 +409,15 @@ class TubeTest:
     ) -> None:
         """Compute what `bound_arc` needs at the centre to bound the arc in a box.
 
-        The test proves that the configurations in a box about the centre are exactly one
-        arc. Boxes of many sizes are tried, so all that does not depend on the size is
-        computed here, once.
-
         F = 0 are the k equations of a mechanism in v variables, and the centre is a point
         of a configuration curve. The columns of the frame are the tangent and the normals
         of the curve. Y is approximately the inverse of the derivatives of F along the
         normals.
+
+        A box about the centre has its sides along the columns of the frame. The bounds of
+        `bound_arc` can prove that the configurations in the box are exactly one arc. Boxes
+        of many sizes are tried. All that does not depend on the size is computed here,
+        once.
 
         Parameters
         ----------

@@ -238,14 +238,14 @@ class Batch:
     def of_poles(
         self, poles: Sequence[tuple[int, int, int]]
     ) -> Callable[[str, int | None], Interleaved]:
-        """Return a function that makes table columns with one row per pole and batch row.
+        """Return a function that makes the columns of a table of poles.
 
         A pole is the instantaneous axis about which one link rotates relative to another. A
-        batch row is one sample in one assembly mode (way to assemble the mechanism). A
-        column first has the values of all poles at the first batch row, then the values at
-        the second batch row, and so on.
+        batch row is one sample in one assembly mode (way to assemble the mechanism). The
+        table has one row for each pole in each batch row. The rows of all poles at the
+        first batch row come first, then those at the second batch row, and so on.
 
-        In some runs the numbers of a column are computed when the column is read.
+        In long runs, most numbers are computed only when a column is read.
 
         Parameters
         ----------

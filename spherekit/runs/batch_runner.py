@@ -375,22 +375,34 @@ class BlockRows:
         return self.kernel.closure_rounding_rad
 
     def _evaluate_slice(self, mode: int, rows: slice) -> Floats:
-        """Return columns (width, n) that decide whether n rows need no other solver.
+        """Return the numbers that decide whether n rows need no other solver.
 
-        The columns are closure residuals, error bounds and angular velocities. `rows` is a
-        slice of the rows of the assembly mode with the index `mode`.
+        The array (width, n) has a column of `width` numbers for each row, among them the
+        closure residual and the error bounds. `rows` is a slice of the rows of the assembly
+        mode with the index `mode`.
         """
         if self.kernel.has_closed_form:
             return self._evaluate_closed_form(mode, rows)
         return self._evaluate_predicted(rows)
 
     def _evaluate_closed_form(self, mode: int, rows: slice) -> Floats:
-        """Compute the configurations of a slice in closed form, and judge them.
+        """Compute the configurations of n rows in closed form, and store them in `values`.
 
-        The pair variables follow from the inputs and from the sign of each dyad (two links
-        and three R pairs). The sign says in which of two ways the dyad is assembled. The
-        variables are stored in `values`. The result has the numbers (width, n) that decide
-        about the rows.
+        A row is one sample in one assembly mode (way to assemble the mechanism). The pair
+        variables follow from the inputs and from the sign of each dyad (two links and three
+        R pairs). The sign says in which of two ways the dyad is assembled.
+
+        Parameters
+        ----------
+        mode
+            Index of the assembly mode.
+        rows
+            The n rows, as a range of rows of the block (group of samples).
+
+        Returns
+        -------
+        (width, n) for each row a column of `width` numbers. From its closure residual and
+        its error bounds the caller decides whether the row needs another solver.
         """
         q = self._q[:, rows]
         signs = self._position_analysis.assembly_modes[mode].signs_along(q)
@@ -401,7 +413,10 @@ class BlockRows:
         return columns
 
     def _evaluate_predicted(self, rows: slice) -> Floats:
-        """Return columns (width, n) that decide whether predicted rows are good enough."""
+        """Return the numbers that decide whether n predicted rows are good enough.
+
+        The array (width, n) has a column of `width` numbers for each row.
+        """
         values = self.values[:, rows]
         arguments, columns = self._allocate_numbers(*values.shape)
         arguments[:] = values

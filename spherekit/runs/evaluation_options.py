@@ -33,15 +33,20 @@ class Setting:
     engine
         Name of the engine that evaluates the velocity equations at the samples.
     route
-        How the engine "numpy" computes poles (axes of relative rotation of two links). The
-        routes "best" and "equations" solve the velocity equations of the whole mechanism,
-        with more digits where needed. The routes "first" and "conditioned" intersect
-        two great circles, each of which goes through two poles that are already computed.
+        How the engine "numpy" computes poles (axes of relative rotation of two links).
+
+        - "best" solves the velocity equations of the whole mechanism, with more digits
+          where needed.
+        - "equations" does the same, but all rows count as solved by the equations.
+        - "first" intersects the first two great circles that the plan of the poles lists. A
+          circle usually goes through two poles that are already computed.
+        - "conditioned" intersects two of these circles that it chooses by their error
+          bounds, for each configuration.
     integrator
         Name of the engine that solves a simulation.
     tolerance
-        The tolerance of a simulation, rad. None if the run is no simulation or has the
-        tolerance of its study.
+        The tolerance of a simulation, rad. None for other runs, and for a simulation with
+        the tolerance of its study.
     """
 
     engine: RowEngine = "numpy"

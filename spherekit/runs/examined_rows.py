@@ -541,7 +541,15 @@ class ExaminedRows:
 
         Each step of the angle is predicted from the velocity ratios (output rate per input
         rate) by the trapezoidal rule. Whole turns are added so that the step is as near to
-        the prediction as possible. The first `repeated_rows` rows have no such jumps.
+        the prediction as possible.
+
+        Parameters
+        ----------
+        segment
+            The m rows (samples).
+        repeated_rows
+            Number of rows at the beginning that are repeated from the block before. Their
+            jumps were removed with that block.
         """
         mean_ratios = 0.5 * (segment.ratios[1:] + segment.ratios[:-1])
         predicted_steps = np.sum(mean_ratios * np.diff(segment.inputs, axis=0), axis=1)
@@ -552,6 +560,7 @@ class ExaminedRows:
             is_uncertain[:] = True
         predicted_steps[is_uncertain] = 0.0
         turns = np.round((predicted_steps - np.diff(segment.angles)) / TURN)
+        # The steps between repeated rows stay.
         turns[: max(repeated_rows - 1, 0)] = 0.0
         angles = segment.angles.copy()
         angles[1:] += TURN * np.cumsum(turns)
@@ -620,8 +629,9 @@ def _take_steps_as_rates(segment: OutputRows, repeated_rows: int) -> OutputRows:
     """Return successive rows with steps of the angle in place of its rates.
 
     A step is the change of the angle from the previous row. Its sign shows in which
-    direction the output moves. The first row of the segment and the first `repeated_rows`
-    rows keep their rates, which already are steps.
+    direction the output moves. The first `repeated_rows` rows are repeated from the block
+    before. They keep their rates, which already are steps. The first row of the segment
+    has no previous row and keeps its rate, too.
     """
     kept_rows = max(repeated_rows, 1)
     steps = np.diff(segment.angles)[kept_rows - 1 :]

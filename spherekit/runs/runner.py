@@ -72,9 +72,9 @@ def run(
     analyses
         Names such as ``"poles"`` or ``"poles:only=31+42"``, or analysis objects. By
         default the analyses of the study are run, or ``"poles"`` if it names none. If no
-        analysis reads samples, the motion is not computed, unless you give an
-        `assembly_mode`, a `recorder`, an `accuracy`, a `setting`, times, or a number of
-        rows to `verify`.
+        analysis reads samples, the motion is usually not computed. It is still computed
+        with any of these options: assembly_mode, recorder, accuracy, setting, duration,
+        verify.
     options
         Options by name. They replace values of the study.
 
@@ -97,16 +97,17 @@ def run(
     ------
     AnalysisError, ModelError, PlanError, SolveError
         Before any sample is computed, if a name is unknown, the mechanism cannot be
-        assembled, the times do not fit together, or an analysis that reads all samples at
-        once needs more memory than there is.
+        assembled, the time laws, the duration and the start contradict each other, or an
+        analysis that reads all samples at once needs more memory than there is.
     EngineError
         If a compiled engine is chosen and heyoka is not installed.
     FileError
         If a study file has an invalid value. The message gives the file and the line.
     OutputError
-        If the folder cannot be written, the disk is full, another run writes to the folder,
-        or the folder has unfinished work that does not fit. Finished blocks are kept in the
-        folder, and the run can be resumed.
+        If the folder cannot be written, the disk is full, or another run writes to the
+        folder. Finished blocks are kept in the folder, and the run can be resumed. The
+        error is also raised if the folder has unfinished work, unless the option
+        `unfinished` discards this work, or resumes work of the same run.
     """
     study, execution = apply_study_options("run", subject, options, Execution)
     if isinstance(analyses, str | AbstractAnalysis):

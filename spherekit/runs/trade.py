@@ -221,18 +221,17 @@ def trade(
 ) -> Trade:
     """Measure the times and the true errors of the settings of a run.
 
-    A setting is one way to compute the run, such as an engine or a tolerance. For an
-    analysis with parameters that make it faster and less accurate, the values of these
-    parameters are measured. The result, a trade, has the time and the error of each setting
-    or value.
+    A setting is one way to compute the run, such as an engine or a tolerance. The result, a
+    trade, has the time and the error of each setting, so that you can choose one. Some
+    analyses have parameters that make them faster and less accurate. For these analyses,
+    values of the parameters are measured instead of settings.
 
     Parameters
     ----------
     subject
         The run for which a setting is sought: a study or a mechanism, as an object, as the
-        path of a file, or as the name of a shipped example. If it has more samples than
-        `checked`, or by default more than 361 samples or about 1500 configurations, errors
-        are measured at fewer samples over the same range.
+        path of a file, or as the name of a shipped example. In a run with many samples,
+        errors are measured at fewer samples over the same range (see `checked`).
     analysis
         The analysis, as an object or as a name with parameters.
     options
@@ -241,8 +240,9 @@ def trade(
           ``"rad"``;
         - fields of `spherekit.files.study.Study`, which replace the values in the study;
         - `settings`: the settings to measure, by default all that apply;
-        - `checked`: largest number of samples at which errors are measured, before
-          samples are added at peaks of the error bounds;
+        - `checked`: largest number of samples at which errors are measured. Some samples
+          can be added where the error bounds of poles are largest. The default is 361
+          samples, or fewer if these are more than about 1500 configurations;
         - `rounds`: number of times that each setting is run, 5 by default;
         - `budget`: time (s) after which no third or later round begins, 30 by default.
 

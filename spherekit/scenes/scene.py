@@ -615,12 +615,13 @@ class Scene:
     def thinned(self, chosen: Bools) -> "Scene":
         """Return the drawing with only some of the samples, for shorter recordings.
 
-        A drawing over quantities other than the samples (`over`) is returned unchanged.
+        The drawing is returned unchanged if its values are plotted over other quantities
+        than the samples, such as a frequency (see `over`).
 
         Parameters
         ----------
         chosen
-            (n,) which samples remain.
+            (n,) for each sample, whether it remains.
         """
         if self.over:
             return self

@@ -49,11 +49,12 @@ NO_CONFIGURATION = -1
 
 @dataclass(frozen=True)
 class Aspects:
-    """n configurations over a grid of inputs, and the aspect to which each of them belongs.
+    """n regular configurations over a grid of inputs, each with the aspect that has it.
 
     An aspect is a part of the configurations that is connected without a singularity.
-    At singularities of type II the output can move while the inputs rest, at type I
-    inputs can move while the output rests.
+    A configuration is regular if it has no singularity of a type in `free_of`, and if its
+    closure equations do not lose rank. At singularities of type II the output can move
+    while the inputs rest, at type I inputs can move while the output rests.
 
     Attributes
     ----------
@@ -69,10 +70,11 @@ class Aspects:
         (aspects,) numbers of configurations.
     sign_two, sign_one
         (aspects,) sign of the determinant that vanishes at type II, and of the one that
-        vanishes at type I. Both determinants refer to a basis of the rates that close the
-        loops. A sign is 0 if it has no meaning, because the loop equations are redundant.
-        `sign_one` is also 0 if there is no output, if the output has more or fewer degrees
-        of freedom than there are inputs, or if the aspect has both signs.
+        vanishes at type I. The signs depend on the sense of a basis of the rates that close
+        the loops. If the loop equations are redundant, this sense is arbitrary. The signs
+        then have no meaning, and are 0. `sign_one` is also 0 if there is no output, if the
+        output has more or fewer degrees of freedom than there are inputs, or if the aspect
+        has both signs.
     modes
         (aspects,) largest number of configurations of the aspect at one sample. These are
         different assembly modes (ways to assemble the mechanism at the same inputs). If the
@@ -81,7 +83,8 @@ class Aspects:
     free_of
         The types of singularity that divide aspects, so that no aspect contains them.
     singular
-        Number of configurations that are singular themselves. They belong to no aspect.
+        Number of singular configurations that were found. They belong to no aspect, and are
+        not among the n configurations.
     note
         The part of the work that was left out because a limit was reached, or empty.
     """
@@ -371,8 +374,11 @@ class _AspectGraph:
         closure = self.solver.closure
         input_count = len(self.driven)
         locus_two = SingularityLocus(closure, input_count, InputsLocked(self.solver.driven))
-        # All rates that close the loops, and the least motion of the inputs among them.
+        # `space` has all rates that close the loops. `reciprocal_condition` is 0 where the
+        # closure equations lose rank.
         space = locus_two.tangent_space(values)
+        # `measure_two` says how small the rates of the inputs can be in a motion with unit
+        # rates. They can be 0 at type II.
         measure_two = locus_two.measure(space)
         smallest_value = np.minimum(
             space.reciprocal_condition, measure_two.smallest_singular_value
@@ -482,7 +488,8 @@ class _AspectGraph:
         configurations in successive columns. The caller has compared the configurations
         with all former columns. If the place in this column is free, the row ends here,
         and the configuration is new. If several new configurations belong to one
-        sample, only the first is stored.
+        sample, only the first is stored. The others are then compared with it. If they
+        differ from it, they go on to the next column.
 
         Parameters
         ----------

@@ -416,9 +416,8 @@ def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) ->
 
     Returns
     -------
-    (n, 3) unit vectors, NaN if all three axes are on one line. Of two opposite vectors, the
-    one nearer to the vector before is taken. So the vectors are continuous along a curve of
-    configurations.
+    (n, 3) unit vectors, NaN if all three axes are on one line. Along a curve of
+    configurations they are continuous if the third axis is continuous.
     """
     # "ir" is the axis of the input, the rotation of link i relative to r. `sine` is the
     # largest sine of the angle between two of the axes.
@@ -426,7 +425,8 @@ def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) ->
     has_plane = sine > ONE_LINE_SINE
     normals[~has_plane] = np.nan
     third_axis = getattr(poles, third_name)
-    # If the third axis and the normals are continuous, so is the result.
+    # The normals of the plane get signs with which none is opposite to the one before. The
+    # product of such a normal with the third axis is a vector in the plane.
     return cross(third_axis, _with_continuous_signs(normals))
 
 

@@ -848,7 +848,10 @@ class _Orthonormalisation:
     """Combinations of the columns of a matrix M that are orthonormal, for n matrices.
 
     With the singular value decomposition M = U S V^T, they are the columns of U = M V S^-1.
-    The same combinations of the columns of another matrix C are C V S^-1.
+
+    Each column can be a part of a longer vector, such as the change of the configuration in
+    a tangent of the locus. The other part, the change of the singular motion, is then a
+    column of another matrix C. It needs the same combinations, which are C V S^-1.
 
     Attributes
     ----------
@@ -867,7 +870,8 @@ class _Orthonormalisation:
 
     def combine(self, columns: Floats) -> Floats:
         """Return the same combinations C V S^-1 of other columns C (n, rows, j)."""
-        # The least divisor prevents a division by zero if the columns of M are dependent.
+        # If the columns of M are dependent, a singular value is zero. The least divisor
+        # prevents a division by zero. The result then has no meaning.
         divisors = np.maximum(self.singular_values, REDUNDANT_EQUATION_RATIO)
         return columns @ np.swapaxes(self.right_rows, 1, 2) / divisors[:, None]
 

@@ -472,17 +472,20 @@ class _PieceEnds(ArrayRows):
     """Some ends of pieces of a curve of configurations.
 
     A piece is a part of the curve that belongs to one assembly mode (way to assemble the
-    mechanism).
+    mechanism). The caller searches the minima of a function on the curve. Such a minimum
+    can lie at an end of a piece.
 
     Attributes
     ----------
     s
         (k,) arc lengths (rad) of the ends.
     inward_s
-        (k,) arc lengths (rad) of points inside the piece, a little away from each end. The
-        distance is the part `INWARD_PART` of the length of the piece.
+        (k,) arc length (rad) of a comparison point inside the piece, near each end. An end
+        counts as a minimum of a function that is not smaller at this point. The distance
+        is the part `INWARD_PART` of the length of the piece.
     q
-        (k,) inputs (rad) of the ends, within the range of the input.
+        (k,) inputs (rad) of the ends. Whole periods are added to bring them into the range
+        of the input.
     """
 
     s: Floats

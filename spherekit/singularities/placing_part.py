@@ -90,7 +90,8 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
 def _find_smaller_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingPart | None:
     """Return the part of a mechanism that places some links, None if it cannot be used.
 
-    The part must fulfil two conditions:
+    The part determines the positions of these links. It has fewer configurations to examine
+    than the whole mechanism. It is used only under two conditions:
 
     - Each assembly mode (way to assemble the links) of the whole mechanism contains one
       mode of the part. This is tested at some samples of the input.
@@ -168,9 +169,13 @@ def _match_modes(
 ) -> dict[int, tuple[int, ...]] | None:
     """Return the assembly modes of the whole mechanism that contain each mode of a part.
 
+    The part has only the links that determine the positions of the links of interest. It is
+    examined in place of the whole mechanism. Its results then apply to the modes of the
+    whole that this function finds.
+
     An assembly mode is a way to assemble the mechanism. A mode of the whole contains a mode
-    of the part if the variables of the part agree. They are compared at some samples, where
-    the mode of the whole has a configuration.
+    of the part if the variables of the part have the same values in both. The values are
+    compared at those of a few samples at which the mode of the whole has a configuration.
 
     Parameters
     ----------
@@ -185,12 +190,15 @@ def _match_modes(
     not possible: a mode of the whole contains no mode of the part, or has no configuration
     at the samples.
     """
-    # The whole mechanism at few samples of the input, in all its modes.
+    # This motion has the whole mechanism at few samples of the input, in all its modes.
     motion = whole.sparse(COMPARED_SAMPLES)
     sample_count = motion.samples
-    # By mode of the part, its configurations at the samples.
+    # The rows of a motion are mode after mode, and all modes have the same inputs. So the
+    # rows of the first mode have the inputs of all samples.
+    sampled_inputs = motion.inputs[:sample_count]
+    # For each mode of the part: the variables (samples, variables) at the samples.
     part_values = {
-        mode.number: part.solver.evaluate(mode, motion.inputs[:sample_count]).values
+        mode.number: part.solver.evaluate(mode, sampled_inputs).values
         for mode in part.assembly_modes
     }
     whole_modes: dict[int, tuple[int, ...]] = dict.fromkeys(part_values, ())

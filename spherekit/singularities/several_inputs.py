@@ -80,17 +80,19 @@ ROW_TYPE_LABELS = {
 class SingleInputMotions:
     """The motions of n configurations in which one input moves and the others are locked.
 
-    There are g inputs, and one such motion for each input. In each motion, the rates of all
-    pair variables are a vector of length 1. A motion is not unique if the links can move in
-    several ways while the other inputs are locked.
+    There are g inputs, and one such motion for each input. The rates of all pair variables
+    in a motion are scaled to a vector of length 1. A rate near 0 then shows that the
+    mechanism with this single input is singular. A motion is not unique if the links can
+    move in several ways while the other inputs are locked.
 
     Attributes
     ----------
     input_rate
         (n, g) rate of the input that moves; NaN if the motion is not unique.
     output_rate
-        (n, g) size of the output's angular velocity, for an output direction without the
-        rotation about it; NaN if the motion is not unique.
+        (n, g) size of the output's angular velocity; NaN if the motion is not unique. If
+        the output is only a direction of the link, the component of the angular velocity
+        along this direction is left out.
     output_direction
         (n, g, 3) unit vectors along the angular velocity of the output link, in ground
         axes; NaN if the link rests, or if the motion is not unique.
@@ -190,8 +192,9 @@ class OutputCoefficients:
     input_rate, output_rate
         (n, g) rates in the unit motion in which input i moves alone. The rate of the
         input vanishes with c_i and has the sign of det N_a, if that is fixed. The size of
-        the output's angular velocity vanishes with d_i. For an output direction, the
-        rotation about it does not count. NaN if that motion is not unique.
+        the output's angular velocity vanishes with d_i. If the output is only a direction
+        of the link, the component along this direction is left out. NaN if that motion is
+        not unique.
     alone
         (n, g, 3) unit vectors along the angular velocity of the output link in that
         motion, NaN where it is at rest or the motion is not unique. They are the pole
@@ -578,15 +581,18 @@ def _discard_ambiguous_motions(sizes: Floats, input_rates: Floats) -> Floats:
 def _determinant_with_sense(input_rates: Floats, space: TangentSpace) -> Floats:
     """Return the determinant (n,) of the rates of the inputs in independent motions.
 
-    The sign depends on the signs of the motions in the basis of `space`. If these signs are
-    arbitrary, the determinant is returned without its sign.
+    The determinant is zero where links can move while all inputs rest. The caller divides
+    it by the size of all rates. The quotient is the rate of an input that moves alone.
+
+    The independent motions are the columns of `space.basis`. If their signs are arbitrary,
+    the sign of the determinant has no meaning. Its absolute value is then returned.
 
     Parameters
     ----------
     input_rates
-        (n, g, g) rates of the g inputs in g motions.
+        (n, g, g) rates of the g inputs in g independent motions.
     space
-        The rates that close the loops.
+        The motions that close the loops, with g basis vectors at each configuration.
     """
     determinant = np.linalg.det(input_rates)
     if space.has_fixed_sense:
@@ -600,8 +606,10 @@ def _measure_singularities(
     """Return how near configurations are to singularities of types I and II.
 
     At type I inputs can move while the output rests. At type II the output can move while
-    the inputs rest. The output can be the orientation of a link, or only a direction of the
-    link. In the second case, the link may turn about this direction while the output rests.
+    the inputs rest. In a self-motion other links move while inputs and output rest.
+
+    The output can be the orientation of a link, or only a direction of the link. In the
+    second case, the link may turn about this direction while the output rests.
 
     Parameters
     ----------
@@ -628,15 +636,17 @@ def _measure_singularities(
     locked_values = input_authority(space.tree, input_variables, vectors)
     locked_singular_value, locked_reciprocal_condition = locked_values
 
-    # The columns of `space.basis` are independent motions. The rates of inputs and output
-    # in these motions can occur together.
+    # The columns of `space.basis` are independent motions: rates of all variables. Each
+    # motion has rates of the inputs and rates of the output, which occur together.
     occurring_rates = _find_occurring_rates(
         input_rates=space.basis[:, input_variables],
         output_rates=output.equations(space.linearisation) @ space.basis,
     )
-    # How much the output has to move if the inputs move, zero if the output can rest.
+    # How much the output has to move if the inputs move, zero if the output can rest. A
+    # motion in which inputs and output rest is a self-motion, and is not counted here.
     type_one_sine = _smallest_output_size(occurring_rates)
-    # Without a configuration, the transmission is NaN, and so is the measure of type I.
+    # In rows that have no configuration the transmission is NaN. The measure of type I is
+    # set to NaN there, too.
     return SingularityMeasures(
         type_one_sine=np.where(np.isfinite(type_two_transmission), type_one_sine, np.nan),
         type_two_transmission=type_two_transmission,

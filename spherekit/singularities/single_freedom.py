@@ -322,10 +322,16 @@ class SingleFreedomSingularities:
     def _compute_relations(self, output: int, axes: dict[Pole, Floats]) -> list[Relation]:
         """Return the one or two equations between the rates of an output and of the input.
 
-        Each equation is a relation c y' = d q', where q' is the rate of the input. In form
-        "i", y' is the rate of the output. In form "ii", y' is the rate of the output link
-        relative to the reference link of the input. c and d are computed from pole axes
-        alone, the axes about which links turn relative to each other.
+        Each equation is a relation c y' = d q'. Here q' is the rate of the input: of its
+        link relative to its reference link. There are two forms:
+
+        - In form "i", y' is the rate of the output.
+        - In form "ii", y' is the rate of the output link relative to the reference link of
+          the input.
+
+        One form can still be used where the other one vanishes (c = d = 0). `_choose_links`
+        says when form "ii" does not exist. c and d are computed from pole axes alone, the
+        axes about which links turn relative to each other.
 
         Parameters
         ----------

@@ -54,7 +54,8 @@ class Column:
     meaning
         Description for users.
     kind
-        What the cells are.
+        What the cells contain: ``"number"``, ``"integer"``, ``"text"`` or ``"status"`` (a
+        `spherekit.Status`).
     per_input
         Whether a mechanism with several inputs has one column for each. Their names end
         with the name of the pair: ``q_left``, ``q_right``. In the meaning the name of the
@@ -63,17 +64,27 @@ class Column:
         Whether the column stands for one column per variable of the passive pairs (pairs
         that are not driven). Each has the name and the meaning of its variable.
     scale
-        How errors of the column are scaled. ``"absolute"``: they are not divided.
-        ``"largest"``: they are divided by the largest number of the run. ``"unit"``: errors
-        of columns in rad are not divided, and are taken within one turn; errors in other
-        units are divided as for ``"largest"``. ``"none"``: errors are not measured, because
-        the column describes the computation and is not a result.
+        Whether errors of the column are absolute or relative. `spherekit.trade` measures
+        these errors. Errors of columns in rad are taken within one turn.
+
+        - ``"absolute"``: They are absolute.
+        - ``"largest"``: They are relative to the largest number among the columns of the
+          table with the same unit. Derivatives, for example in N m/rad, can be mere
+          rounding errors. Their errors are then relative to the columns in N m.
+        - ``"unit"``: They are absolute for columns in rad, and as with ``"largest"`` for
+          other units.
+        - ``"none"``: They are not measured, because the column describes the computation
+          and is not a result.
     turns
-        How the column changes if the whole mechanism is rotated. ``"no"``: not at all.
-        ``"vector"``: it is a component of a vector in ground axes; the components x, y, z
-        are in successive columns. ``"otherwise"``: the column depends on the ground axes in
-        another way, such as an azimuth. A rotation may change which rows a table has if
-        such a column is a text, or if the rows do not belong to samples and assembly modes.
+        How the column changes if the whole mechanism is rotated. The check `rotation` of
+        `spherekit.plugin.conformance` compares tables accordingly.
+
+        - ``"no"``: The column does not change.
+        - ``"vector"``: The column is a component of a vector in ground axes. The components
+          x, y, z are in successive columns.
+        - ``"otherwise"``: The column changes in another way, as an azimuth does. The column
+          is not compared. If it is a text, no column of the table is compared. The same
+          applies if the rows of the table do not belong to samples in assembly modes.
     on_request
         Name of the parameter of the analysis that requests the column. The table has the
         column only if the parameter differs from its default. Empty: it always has it.
@@ -179,17 +190,19 @@ class Table:
     def stacked(
         self, mechanism: Mechanism, parts: Iterable[Mapping[str, Any]] = ()
     ) -> dict[str, Array]:
-        """Join parts of the rows of a table to complete columns.
+        """Return the whole columns of a table whose rows are given in several parts.
+
+        An analysis can thus make the rows of a table group by group.
 
         Parameters
         ----------
         mechanism
             The mechanism. With several inputs, some columns stand for one column per input.
         parts
-            The rows, part by part in order. A part has values by name of the column: an
-            array (n,), or one value for all rows of the part. A part without an array is
-            one row. Columns of numbers and texts that are left out become blank (NaN or
-            empty). Every part has all columns of whole numbers and of statuses.
+            The parts in the order of their rows. A part has values by name of the column:
+            an array (n,), or one value for all rows of the part. A part without an array is
+            one row. A part may leave out columns of numbers and texts, which are then blank
+            (NaN or empty). It must have all columns of whole numbers and of statuses.
 
         Returns
         -------

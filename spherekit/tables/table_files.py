@@ -170,8 +170,8 @@ def _number_distinct_texts(texts: Array) -> Array:
 def _make_arrow_table(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
     """Return rows of a table as a table of the library Arrow, which writes Parquet and CSV.
 
-    The columns get their headers in files. NaN becomes null (an empty cell), and status
-    codes become names.
+    The name of each column becomes its header, such as ``q [deg]``. NaN becomes null (an
+    empty cell), and status codes become names.
 
     Parameters
     ----------
@@ -590,8 +590,9 @@ def read_frame(
 ) -> "pd.DataFrame":
     """Return the rows of several Parquet files as one pandas frame.
 
-    The `attrs` of the frame are the notes (facts about the table) in the first file. The
-    index of a frame that pandas has written becomes a column.
+    The `attrs` of the frame are the notes (facts about the table) in the first file. If
+    pandas has written the files from a frame, the index of that frame becomes a column, and
+    its `attrs` are kept.
 
     Parameters
     ----------
@@ -617,14 +618,13 @@ def read_frame(
         if not has_notes or has_other_columns:
             raise FileError(
                 f"{path}: the file has been changed since it was written; move the file "
-                "away, "
-                "and run the same command to create it again"
+                "away, and run the same command to create it again"
             )
         tables.append(table)
     rows = pa.concat_tables(tables)
     # pandas stores in its files which columns are the index. Here they stay columns.
     frame: pd.DataFrame = rows.to_pandas(strings_to_categorical=True, ignore_metadata=True)
-    # Files that pandas has written from such a frame have its `attrs`.
+    # A file that pandas has written from a frame has the `attrs` of that frame.
     frame.attrs.update((rows.schema.pandas_metadata or {}).get("attributes") or {})
     frame.attrs.update(_decode_notes(rows.schema))
     return frame

@@ -373,14 +373,16 @@ def _vector_along_profile(
 def _vector_along_circle(
     sign: float, circle: ProfileCircle, link: int, placed: LinkOrientation
 ) -> CarriedVector:
-    """Return the vector of a contact that moves along a circle, per unit of arc length.
+    """Return the angular velocity of a contact that moves along a circle.
 
-    The vector is the angular velocity of the second link relative to the first. A contact
-    has two variables, the arc lengths along the profiles of its two links. Only the arc
-    length along the circle changes here, so the contact point is fixed on the other link.
-    Tangent, normal and point of the contact are fixed in the other link and, seen from the
-    link with the circle, turn about its centre. The length of the vector is the angle about
-    the centre per unit of arc length.
+    A contact has two variables, the arc lengths along the profiles of its two links. The
+    profile of one link is the circle. Only the arc length along the circle changes here, so
+    tangent, normal and point of the contact are fixed in the other link.
+
+    Seen from the link with the circle, the other link therefore turns about the axis
+    through the centre of the circle. The result is the angular velocity of the second link
+    of the contact relative to the first, per unit of arc length. This vector is fixed in
+    the link with the circle. Its length is the angle about the axis per unit of arc length.
 
     Parameters
     ----------
@@ -389,7 +391,7 @@ def _vector_along_circle(
         -1.0 if the second link carries the circle: the first link turns, so the velocity of
         the second link relative to the first has the opposite sign.
     circle
-        The profile.
+        The circle.
     link, placed
         Number and orientation of the link that carries the profile.
     """
@@ -403,7 +405,7 @@ def _vector_along_circle(
 def _vector_along_curve(
     sign: float, side: ProfileSide, link: int, contact_frame: Exprs
 ) -> CarriedVector:
-    """Return the vector of a contact that moves along a profile, per unit of arc length.
+    """Return the angular velocity of a contact that moves along a profile.
 
     The contact has the tangent t of the profile, the normal n = p x t, and the point p on
     the unit sphere. As the contact moves along the profile, these three axes turn with the
@@ -411,9 +413,9 @@ def _vector_along_curve(
     point along the profile. The rotation k p turns the tangent.
 
     Only the arc length along this profile changes here, so the contact point is fixed on
-    the other link. The other link therefore turns with the three axes. The vector is the
-    angular velocity of the second link relative to the first: n + k p if the first link
-    carries the profile, -(n + k p) if the second does.
+    the other link. The other link therefore turns with the three axes. The result is the
+    angular velocity of the second link relative to the first, per unit of arc length:
+    n + k p if the first link carries the profile, -(n + k p) if the second does.
 
     Let primes be derivatives with respect to arc length, as seen from the link with the
     profile. Because n' = -k t and p' = t,

@@ -284,10 +284,10 @@ def signs_by_axis_sums(axis_sums: Floats) -> SignFunction:
     """Return a function that gives pole directions a sign by comparison with fixed vectors.
 
     The direction of a pole (the axis about which two links turn relative to each other) is
-    known up to its sign. Over a grid of several inputs, samples have no order in which a
-    sign could be continued from one to the next. Each assembly mode (way to assemble the
-    links) therefore has a fixed vector. If the angle between this vector and a direction is
-    obtuse, the sign is -1, otherwise 1.
+    known up to its sign. In a single configuration, or over a grid of several inputs, there
+    is no path along which a sign could be continued. Each assembly mode (way to assemble
+    the links) therefore has a fixed vector. If the angle between this vector and a
+    direction is obtuse, the sign is -1, otherwise 1.
 
     Parameters
     ----------

@@ -226,6 +226,11 @@ class KinematicStructure:
           profile is a circle.
         - Rolling contact: there is one variable. Its vector is fixed in no link.
 
+        Parameters
+        ----------
+        variable
+            Index of the variable.
+
         Returns
         -------
         By the index of the link, the vector in the axes of this link. Empty if there is
@@ -243,8 +248,11 @@ class KinematicStructure:
         is_rolling = len(pair_variables) == 1
         if is_rolling:
             return {}
-        # The vector is the angular velocity of the second link relative to the first. Along
-        # the second profile the first link turns, so the sign is reversed.
+        # The vector is the angular velocity of the second link relative to the first. If
+        # the contact moves along a circle of the first link, the second link turns about
+        # the centre of this circle. Along a circle of the second link, the first link turns
+        # in this way. Relative to the first link, the second link then turns in the
+        # opposite sense, so the sign is -1.
         if variable == pair_variables[0]:
             return _vector_about_circle(first_side, first_link, sign=1.0)
         return _vector_about_circle(second_side, second_link, sign=-1.0)

@@ -620,8 +620,9 @@ class RowVelocities:
         """Return the direction errors of poles that are the common axis of several pairs.
 
         A pole is the axis of the relative rotation of two links. Several pairs (joints) in
-        series can have one line as their axis, the pole. If the rounded axes differ in
-        their last digits, the pole depends on the rates of these pairs.
+        series can have one line as their axis, the pole. Rounding in the mechanism file can
+        make these axes differ a little. Then the pole is not exactly known. `PlannedPoles`
+        computes poles from other poles and adds the result to the errors of these axes.
 
         Returns
         -------

@@ -83,10 +83,14 @@ def draw_sphere(
 ) -> Figure:
     """Return a figure of quantities and curves on the sphere, in two projections.
 
-    The equal-area and the stereographic projection are drawn side by side. The maps contain
-    all areas and marks, and are centred on the ground axis nearest to them. If there are
-    neither, the points of the curves count instead. Curves beyond the rim are cut off. If a
-    map would become too large, the two hemispheres are drawn.
+    The equal-area and the stereographic projection are drawn side by side, as round panels.
+    The middle of a panel is a ground axis (+x, -x, +y and so on): the one nearest to the
+    mean direction of all areas and marks. The rim of a panel encloses all areas and marks.
+    Curves are cut off at the rim. Without areas and marks, middle and rim follow from the
+    points of the curves.
+
+    If the rim would be more than `MAX_RIM_RAD` from the middle, each projection has two
+    panels, one for each hemisphere.
 
     Parameters
     ----------

@@ -311,14 +311,14 @@ Output = FileOutput | LiveOutput
 
 
 def served(stream: rr.RecordingStream, port: int) -> LiveOutput:
-    """Return the output of a recording to a server of this process.
+    """Return an object that sends a recording to a server in this process.
 
     Viewers connect to the server, which stores the recording for them.
 
     Parameters
     ----------
     stream
-        The stream of rerun that is recorded.
+        The stream of rerun into which the recording is logged.
     port
         Port of this computer on which viewers find the server.
     """
@@ -352,24 +352,27 @@ def served(stream: rr.RecordingStream, port: int) -> LiveOutput:
 
 
 def viewer_at(stream: rr.RecordingStream, url: str) -> LiveOutput:
-    """Return the output of a recording to a running viewer, or to another server.
+    """Return an object that sends a recording to a viewer that already runs.
+
+    A rerun server in another process can receive the recording in place of the viewer.
 
     Parameters
     ----------
     stream
-        The stream of rerun that is recorded.
+        The stream of rerun into which the recording is logged.
     url
-        Address such as ``rerun+http://127.0.0.1:9876/proxy``.
+        Address of the viewer, such as ``rerun+http://127.0.0.1:9876/proxy``.
     """
 
     def check(is_start: bool) -> None:
         """Raise `OutputError` if the URL is not an address, or if no viewer answers there.
 
-        `is_start` says whether the recording begins, so that the viewer has not answered
-        before.
+        `LiveOutput` calls this function when the recording begins, and later before it
+        waits for the viewer. `is_start` is true at the beginning. Later a missing viewer
+        has ended, so the message differs.
         """
         try:
-            rr.GrpcSink(url)  # without a connection, only its address is checked
+            rr.GrpcSink(url)  # raises an error if the address is invalid; does not connect
             parts = urlsplit(url)
             host, port = parts.hostname, parts.port
         except (ValueError, RuntimeError):

@@ -36,12 +36,14 @@ def conformance(
     - `reads`: it reads no data that it did not declare.
     - `inputs`: it leaves its input arrays as they were.
     - `tables`: its tables have the declared columns.
-    - `findings`: its findings are valid.
+    - `findings`: its findings (values for the summary, warnings, remarks and small tables)
+      have the right types and can be stored as JSON.
     - `blocks`: rows and findings do not depend on the blocks of samples.
     - `failed rows`: a row of the motion that is NaN changes no table rows of other samples.
     - `rotation`: tables agree if the whole mechanism is rotated.
     - `names`: tables agree if links are renamed and renumbered.
-    - `scene`: the viewer accepts the scene in its strict mode.
+    - `scene`: its drawings can be recorded for the viewer Rerun in strict mode, in which
+      wrong shapes of data raise errors.
 
     Parameters
     ----------

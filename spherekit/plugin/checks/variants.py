@@ -129,6 +129,9 @@ def rename_parameters(
 ) -> AbstractAnalysis:
     """Return an analysis with the new names of links in its parameters.
 
+    A check computes an analysis for a mechanism with renamed links (see `rename_links`),
+    and tests that the results are the same. The parameters must have the new names, too.
+
     A parameter can be the name of a link or of a pole. A pole, the axis of the relative
     rotation of two links, is named by both links, such as ``4/1``.
 
