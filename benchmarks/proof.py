@@ -128,7 +128,7 @@ def _measure_single_inputs(
         "The assembly modes of random geometries are certified at the input of their "
         "reference pose. The columns `all complex modes` and `certified` contain two "
         "fractions of the geometries: those with a proven number of complex modes, and "
-        "those with all real modes certified. The column `wrong` counts wrong "
+        "those with all real modes certified. `wrong` is the number of wrong "
         "certificates. For a triad, a certificate is wrong if an elimination in exact "
         "rational numbers yields a different number of real roots. For larger groups, it "
         "is wrong if the numerical solution finds more modes. `over solving` is the time "

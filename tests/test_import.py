@@ -60,7 +60,8 @@ def write_model(tmp_path, text, name="model.xml"):
 def place_links(mechanism, q):
     """Return the rotations (links, 3, 3) of all links at values of all inputs (rad).
 
-    The loops are closed by Newton's method at four inputs between the pose and `q`.
+    The inputs go from the pose of the mechanism to `q` in four equal steps. After each step
+    the loops are closed by Newton's method.
     """
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
     values = make_joints_in_pose(mechanism)[1].copy()
@@ -257,9 +258,13 @@ def test_joints_at_a_constant_ratio_are_gears(ratio, tmp_path):
 
 
 def test_a_serial_wrist_turns_as_in_mujoco(tmp_path):
-    """Links of an imported wrist turn from the pose as MuJoCo's own kinematics says.
+    """Links of an imported wrist have the rotations that MuJoCo itself computes.
 
-    MuJoCo orders the joints yaw, pitch, roll; inputs are in the order of actuators.
+    Rotations are compared from the pose in which all joint angles are 0. In this pose the
+    links of the mechanism have the identity as rotation. In MuJoCo they are turned already.
+
+    MuJoCo has the joints in the order of the model: yaw, pitch, roll. The inputs are in the
+    order of the actuators: yaw, roll, pitch.
     """
     mechanism = sk.import_mechanism(write_model(tmp_path, WRIST)).mechanism
     model = mujoco.MjModel.from_xml_string(WRIST)

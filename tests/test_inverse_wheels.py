@@ -299,9 +299,14 @@ def test_general_inverse_kinematics_find_pinions_after_any_number_of_revolutions
 def test_general_inverse_kinematics_find_many_revolutions_of_one_of_two_coaxial_inputs():
     """A sun with 20 teeth drives a planet with 1200 teeth, whose axis is on a driven arm.
 
-    The planet's direction has the longitude of the arm, or the opposite one with the planet
-    beyond the pole. Per degree of the planet, the sun turns by 60 degrees relative to the
-    arm. Only this difference is compared, since it is the same for all smallest inputs.
+    The planet's direction is requested at the latitude of 20 degrees. It has the longitude
+    of the arm, or the opposite one with the planet beyond the pole. Per degree of the
+    planet, the sun turns by 60 degrees relative to the arm.
+
+    If arm and sun make a revolution together, the direction is the same. Solutions are the
+    inputs with the smallest sum of absolute values. Several pairs of inputs can have this
+    sum, but the angle of the sun relative to the arm is the same for all of them. So only
+    this angle is compared.
     """
     axes = {"arm_axle": [0.0, 0.0, 1.0], "sun_axle": [0.0, 0.0, 1.0]}
     axes["planet_axle"] = [0.0, 1.0, 0.0]
@@ -325,7 +330,7 @@ def test_general_inverse_kinematics_find_many_revolutions_of_one_of_two_coaxial_
     )
     solutions = sk.InverseKinematics(mechanism).solutions(pan_directions([150.0]))
     arm_deg, sun_deg = np.degrees(solutions.inputs).T
-    # The planet is at 20 degrees, or at 160 degrees beyond the pole.
+    # The planet is turned by 20 degrees on the arm, or by 160 degrees beyond the pole.
     assert np.sort(sun_deg - arm_deg) == pytest.approx([60.0 * 20.0, 60.0 * 160.0])
 
 
@@ -335,7 +340,11 @@ def test_general_inverse_kinematics_find_many_revolutions_of_one_of_two_coaxial_
 def test_general_inverse_kinematics_are_smallest_with_any_turns_in_the_reference_pose(
     anchor_deg, pan_teeth
 ):
-    """Both values of the motor are whole periods of the wheels, as if they were zero."""
+    """Solutions are those of a motor at zero if it is at whole periods of the wheels.
+
+    In the reference pose the motor has the value `anchor_deg`. A period of the wheels is
+    the smallest number of revolutions of the motor after which both wheels are as before.
+    """
     mechanism = geared_gimbal(False, pan_teeth, pan_motor_deg=anchor_deg)
     solutions = sk.InverseKinematics(mechanism).solutions(pan_directions([100.0]))
     ratio = pan_teeth[1] / pan_teeth[0]

@@ -477,7 +477,17 @@ def test_the_units_of_the_margins_do_not_change_the_region(units):
 
 
 def test_a_border_of_undefined_margins_is_excluded_only_by_negative_margins():
-    """The last margin is the largest one, but not the margin of the border."""
+    """A border where a margin becomes NaN is not rejected if all others are positive.
+
+    Margins are functions that are at least 0 inside a region. Here the first one is NaN
+    where x < 0.2, so the region ends at the circle x = 0.2. No margin is zero there.
+
+    `reject_excluded_segments` subtracts the margin of the border (zero up to errors) from
+    all margins. A negative difference means that the segment is outside the region. At this
+    border nothing must be subtracted. Its index `UNDEFINED_MARGIN` is -1, which in NumPy is
+    the last margin. This is the largest one here, so subtracting it would reject the
+    segment.
+    """
 
     def margins(places):
         x = places[:, 0]
@@ -485,10 +495,12 @@ def test_a_border_of_undefined_margins_is_excluded_only_by_negative_margins():
 
     evaluate = MarginEvaluator(margins)
     evaluate(np.eye(3))
+    # The segment is an arc of the circle x = 0.2, with the region on its left.
     azimuth = np.array([0.1, 0.0])
     y = np.sqrt(0.96) * np.sin(azimuth)
     z = np.sqrt(0.96) * np.cos(azimuth)
     start, end = np.stack([np.full(2, 0.2), y, z], axis=1)[:, None]
+    # The index 0 of the only segment, which also stands for its triangle and crossings.
     first = np.zeros(1, np.intp)
     segments = BorderSegments.find(
         evaluate,
@@ -505,17 +517,26 @@ def test_a_border_of_undefined_margins_is_excluded_only_by_negative_margins():
 
 
 def test_the_class_of_a_triangle_does_not_depend_on_the_order_of_its_vertices():
-    """Margins of degree 3 in a triangle with one right angle, in all six orders."""
+    """The class of a triangle is the same for all six orders of its vertices.
+
+    Margins are functions that are at least 0 inside a region. The class says whether a
+    triangle is inside the region, outside, or crossed by its border. It follows from ten
+    samples of each margin. Here 1000 random polynomials of degree 3 are the margins, in a
+    triangle with one right angle.
+    """
     corners = unit([[0.0, 0.0, 1.0], [0.2, 0.0, 1.0], [0.0, 0.2, 1.0]])
     orders = np.array(list(permutations(range(3))))
-    # (10, 6, 3) barycentric coordinates of the samples for each order.
+    # (10, 6, 3) barycentric coordinates of the samples for each order: the vertices, the
+    # midpoints of the edges, a check point on each edge, and the centroid. A check point is
+    # at a quarter of its edge, from the vertex with the lower number.
     vertices = np.eye(3)[orders]
     samples = list(np.moveaxis(vertices, 1, 0))
     samples += [0.5 * (vertices[:, k] + vertices[:, (k + 1) % 3]) for k in range(3)]
     for k in range(3):
-        edge = np.sort(orders[:, [k, (k + 1) % 3]], axis=1)  # lower number first
+        edge = np.sort(orders[:, [k, (k + 1) % 3]], axis=1)
         samples.append(0.75 * np.eye(3)[edge[:, 0]] + 0.25 * np.eye(3)[edge[:, 1]])
     samples.append(np.full((6, 3), 1.0 / 3.0))
+    # Two of the three coordinates are enough, because the sum of all is 1.
     _, x, y = np.moveaxis(np.array(samples), 2, 0)
     rng = np.random.default_rng(0)
     seen = set()
@@ -526,4 +547,5 @@ def test_the_class_of_a_triangle_does_not_depend_on_the_order_of_its_vertices():
         classes, _ = classify_triangles(corners, orders, margins[:, :, None])
         assert len(set(classes)) == 1
         seen.update(classes)
+    # The two classes of triangles that the border may cross.
     assert {TriangleClass.SIMPLE, TriangleClass.OPEN} <= seen

@@ -729,8 +729,16 @@ def test_a_size_that_is_zero_up_to_rounding_has_the_derivative_of_zero(tmp_path)
 def test_derivatives_by_the_centre_of_a_concentric_cam_are_right_or_missing(
     component, tmp_path
 ):
-    """The Euler angles of the contact jump from one side of the centre to the other."""
-    step = 1e-4
+    """A derivative by the centre of a concentric cam is right, or its status says why not.
+
+    The reference is the difference quotient of the angle of the follower, the column
+    "value". It is computed with two cams whose centres are on both sides of the shaft axis.
+
+    The analysis replaces the contact by a linkage of R pairs, whose constant rotations are
+    given by Euler angles. Some of these angles jump where the centre passes the shaft axis,
+    so not every derivative can be computed. A missing one is NaN and ILL_CONDITIONED.
+    """
+    step = 1e-4  # components of unit vectors
     frame = centre_sensitivity(tmp_path, (0.0, 0.0, 1.0), component)
     values = []
     for sign in (-1.0, 1.0):

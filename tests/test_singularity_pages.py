@@ -80,11 +80,14 @@ def test_marks_of_self_motions_are_called_so():
 
 @pytest.mark.slow
 def test_a_simulation_does_not_meet_curves_on_which_the_input_rests_elsewhere():
-    """A kite folds at the input 0, where its rocker turns freely on two further curves.
+    """A simulation from 1 rad to 1.4 rad reports no singularities at the input 0.
 
-    The simulation moves from 1 rad to 1.4 rad, so it passes none of these curves. The input
-    does not change along them, so their rows have no value of the input (q is NaN). In the
-    column ``inside``, "no" means that the simulation does not pass the singularity.
+    The kite folds at the input 0. There the rocker can turn freely while the input rests.
+    These configurations form two curves of their own. Each curve as a whole is a row of the
+    table, of type II: the input rests. Such a row has no value of the input (q is NaN).
+
+    The table has all singularities of the mechanism. In the column ``inside``, "no" means
+    that the simulation does not pass the singularity.
     """
     kite = replace(four_bar(np.radians([60.0, 60.0, 40.0, 40.0])), loads=())
     start = {"q": 1.0, "dq": 0.5}

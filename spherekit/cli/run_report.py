@@ -877,10 +877,13 @@ def _table_excesses(motion: Any, has_speeds: bool) -> Iterator[tuple[str, float,
     Parameters
     ----------
     motion
-        The motion of the output in one assembly mode, from the overview of the run. Its key
-        "excess_between_samples" has three excesses: "angle_rad", "ratio" (of the speed or
-        velocity ratio), and "transmission" of the transmission angle (rad). An output
-        without a transmission angle has a transmission measure (without unit) instead.
+        The motion of the output in one assembly mode, from the overview of the run. Its
+        entry "excess_between_samples" has three excesses:
+
+        - "angle_rad": of the angle of the output.
+        - "ratio": of the speed or the velocity ratio.
+        - "transmission": of the transmission angle (rad). If the output has no transmission
+          angle, it is the excess of the transmission measure (without unit).
     has_speeds
         Whether the table has speeds instead of velocity ratios.
 

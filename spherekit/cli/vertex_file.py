@@ -122,13 +122,13 @@ def vertex_text(sectors_deg: Sequence[float]) -> str:
 
 
 def find_fold_range(sectors_deg: Sequence[float]) -> FoldRange:
-    """Return the longest range in which a vertex of folded paper closes.
+    """Return the longest range of fold angles in which a vertex of folded paper closes.
 
     At a vertex n creases (hinges) meet, with rigid sectors between them. The vertex closes
     if all sectors fit together. The fold angle of the second-last crease must also differ
-    from 0 and 180 degrees by at least `FOLD_MARGIN_DEG`. The fold angles of the driven
-    creases have equal magnitude, which runs from 1 to 179 degrees. All combinations
-    of valleys and mountains are tried.
+    from 0 and 180 degrees by at least `FOLD_MARGIN_DEG`, since two assembly modes meet
+    there. The fold angles of the driven creases have equal magnitude, which runs from 1 to
+    179 degrees. All combinations of valleys and mountains are tried.
 
     Parameters
     ----------
@@ -165,13 +165,14 @@ def find_fold_range(sectors_deg: Sequence[float]) -> FoldRange:
 def _list_fold_ranges(
     sectors_deg: Sequence[float], signs: tuple[int, ...]
 ) -> list[FoldRange]:
-    """Return the ranges of equal fold angles in which a vertex of folded paper closes.
+    """Return the ranges of fold angles in which a vertex of folded paper closes.
 
     At a vertex n creases (hinges) meet, with rigid sectors between them. The first n - 3
-    creases are driven, by fold angles of equal magnitude. The vertex closes if the last
-    three creases can connect the remaining two sectors. The fold angle of the second-last
-    crease must also differ from 0 and 180 degrees by at least `FOLD_MARGIN_DEG`. Magnitudes
-    are tried in steps of one degree. The caller selects the longest range.
+    creases are driven. Their fold angles have the same magnitude, with given signs. The
+    vertex closes if the last three creases can connect the remaining two sectors. The fold
+    angle of the second-last crease must also differ from 0 and 180 degrees by at least
+    `FOLD_MARGIN_DEG`, since two assembly modes meet there. Magnitudes are tried in steps of
+    one degree. The caller selects the longest range.
 
     Parameters
     ----------
@@ -185,7 +186,8 @@ def _list_fold_ranges(
     magnitudes_deg = np.arange(1, 180)
     fold_angles = np.radians(magnitudes_deg[:, None] * np.array(signs))
     is_closed = _can_close(sectors, fold_angles)
-    # Join successive magnitudes at which the vertex closes to ranges.
+    # Successive magnitudes at which the vertex closes form a range. The last range grows
+    # by one magnitude at a time.
     fold_ranges: list[FoldRange] = []
     range_start: int | None = None
     for magnitude, closes in zip(magnitudes_deg.tolist(), is_closed, strict=True):

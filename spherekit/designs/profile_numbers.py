@@ -822,12 +822,16 @@ def evaluate_profile_columns(
 
 
 def _interpolate_columns(start: Floats, end: Floats, fractions: Floats) -> Floats:
-    """Interpolate the columns that describe contact profiles between two designs.
+    """Interpolate the numbers that describe contact profiles between two designs.
+
+    A path leads from one design to the other. The interpolation avoids computing the
+    profiles of all designs in between.
 
     Nine numbers describe a profile at a point of contact: the tangent (3), the point (3) on
     the unit sphere, the geodesic curvature, and the first two derivatives of the curvature
-    with respect to arc length. All are interpolated linearly. Afterwards point and tangent
-    are corrected to orthogonal unit vectors.
+    with respect to arc length. They are called columns, but each is a row of the arrays
+    here. All are interpolated linearly. Afterwards point and tangent are corrected to
+    orthogonal unit vectors.
 
     Parameters
     ----------

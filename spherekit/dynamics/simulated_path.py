@@ -206,11 +206,11 @@ class MomentumConversion(Protocol):
         """
 
     def compute_rate_weights(self, states: Floats) -> Floats:
-        """Return the matrices W of the coordinates at n states.
+        """Return the matrices W that define the rates of the coordinates at n states.
 
-        The simulation chose m coordinates, and a state has a momentum for each of them. The
-        rates u of the coordinates are weighted sums of the rates v' of the pair variables:
-        u = W v'.
+        The simulation chose m coordinates. Their rates u are weighted sums of the rates v'
+        of the pair variables: u = W v'. The momenta of a state belong to these coordinates.
+        The equation of motion therefore needs W at each state.
 
         Parameters
         ----------
@@ -339,9 +339,9 @@ class CoordinateMomentumConversion:
         state_rates[:, columns] = momentum_rates
 
     def compute_rate_weights(self, states: Floats) -> Floats:
-        """Return `rate_weights` for each of n states, (n, m, variables).
+        """Return `rate_weights` (m, variables) for each of n states: (n, m, variables).
 
-        The coordinates are the same in all states.
+        The coordinates are the same in all states, so the weights are, too.
         """
         return np.broadcast_to(self.rate_weights, (len(states), *self.rate_weights.shape))
 

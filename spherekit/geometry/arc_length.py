@@ -103,9 +103,10 @@ class ArcLength:
     def _inverse_deviation(self) -> PiecewiseChebyshev:
         """Interpolant of the curve parameter u minus its linear part, as a function of s.
 
-        Here s is the arc length. The inverse of s(u) gives the point at an arc length. The
-        linear part, s times the mean slope of u over s, is left out here, and `invert` adds
-        it again.
+        Here s is the arc length. `invert` uses the interpolant to find the point at an arc
+        length. The linear part is s times the mean slope of u over s. It is left out here,
+        and `invert` adds it again: the interpolant of the smaller remaining part has
+        smaller rounding errors and fewer cells.
         """
 
         def find_deviations(s: Floats) -> Floats:

@@ -729,10 +729,12 @@ def _curvature_correction(
 
 
 def _quaternions(cube: Indices, points: Array) -> Floats:
-    """Return the unit quaternions (n, 4) xyzw at points in the four cubes.
+    """Return the orientations at grid points, as unit quaternions (n, 4) xyzw.
 
-    A quaternion divided by its largest component has a 1 in place of that component. The
-    other three components, from -1 to 1, are the coordinates in the cube of this component.
+    All orientations are divided into four cubes, one for each component of the quaternion
+    that has the largest magnitude. A quaternion divided by this component has a 1 in its
+    place, and is the same orientation even if the component is negative. The other three
+    components, from -1 to 1, are the coordinates in the cube.
 
     Parameters
     ----------
@@ -742,6 +744,7 @@ def _quaternions(cube: Indices, points: Array) -> Floats:
         (n, 3) integer coordinates from 0 to 2**CUBE_BITS, which stand for -1 to 1.
     """
     quaternions = np.ones((len(cube), 4))
+    # The mask selects three components in each row, for the three coordinates of the point.
     coordinates = points.ravel() * 2.0 ** (1 - CUBE_BITS) - 1.0
     quaternions[np.arange(4) != cube[:, None]] = coordinates
     return unit_rows(quaternions)

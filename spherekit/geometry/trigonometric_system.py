@@ -240,16 +240,17 @@ class SecondAngleZeros:
 class NewtonResult:
     """Angles to which Newton's method leads, with their quality.
 
-    A system has t equations in t angles. Each term of an equation is a coefficient times
-    factors: for each angle at most one cosine or sine.
+    A system has t equations in t angles, which may be complex. Each term of an equation is
+    a coefficient times factors: for each angle at most one cosine or sine. Coefficients are
+    about 1, but the cosines and sines of complex angles can be large.
 
     Attributes
     ----------
     angles
         (n, m, t) angles (rad) of n systems with t unknowns, from m starts each.
     residual
-        (n, m) largest error of the equations, relative to the size of the factors. It is
-        not relative to the coefficients, which are about 1.
+        (n, m) largest error of the equations, divided by the size of the factors. Large
+        factors cause larger rounding errors.
     is_flat
         (n, m) whether the matrix of derivatives (Jacobian) is almost singular. Several
         solutions may coincide there.

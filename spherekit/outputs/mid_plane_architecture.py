@@ -157,9 +157,12 @@ class MidPlaneArchitecture:
         """Return the orientations of the end effector, the mirror image of the base.
 
         Mirror axes are a second set of axes fixed to the base, in which formulas are
-        simple. The orientation is the product of three steps. The constant matrix `image`
-        leads from the axes of the end effector to mirror axes. Then vectors are reflected
-        in the mid-plane. The constant rotation `frame` leads to the axes of the base.
+        simple. The orientation is the product of three matrices, applied in this order:
+
+        1. The constant matrix `image` leads from the axes of the end effector to mirror
+           axes. It includes a reflection, because its determinant is -1.
+        2. The reflection in the mid-plane. Two reflections together are a rotation.
+        3. The constant rotation `frame` leads from mirror axes to the axes of the base.
 
         Parameters
         ----------
@@ -210,24 +213,27 @@ class MidPlaneArchitecture:
             return difference / distance[:, None], distance
 
     def angles_to(self, directions: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the angles of the mid-planes for which the output has given directions.
+        """Return the mid-plane angles for which the output points in given directions.
 
-        Base and output link mirror each other in the mid-plane. A mid-plane with the unit
-        normal (x, y, z), z >= 0, has the angles phi = -2 arcsin(x), gamma = 2 arcsin(y) and
-        omega = arctan(y / z) of Chen et al. 2021. The components are in mirror axes: the
-        axes of the base, turned by the constant matrix `frame`.
+        The direction of the output is a unit vector fixed in the end effector. The
+        mid-plane mirrors the base to the end effector, and a constant direction of the
+        base, `home`, to the direction of the output.
+
+        A mid-plane with the unit normal (x, y, z), z >= 0, has the angles phi = -2
+        arcsin(x), gamma = 2 arcsin(y) and omega = arctan(y / z) of Chen et al. 2021. The
+        components are in mirror axes: the axes of the base, turned by the constant matrix
+        `frame`.
 
         Parameters
         ----------
         directions
-            (n, 3) unit vectors in the axes of the base.
+            (n, 3) directions of the output, in the axes of the base.
 
         Returns
         -------
         phi, gamma, omega
-            (n,) angles (rad). They are NaN if a direction is `home`, the constant direction
-            of the base that is mirrored to the direction of the output. Every plane through
-            `home` is then a solution.
+            (n,) angles (rad). They are NaN if the direction of the output is `home`,
+            because every plane through `home` is then a solution.
         """
         normals, _distance = self.normals_to(directions @ self.frame)
         return mirror_angles(normals)

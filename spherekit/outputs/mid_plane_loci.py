@@ -213,10 +213,11 @@ class _MidPlaneCurveSearch:
         return 3 * len(self.locus.closure.tree.chords) == len(self.passive)
 
     def find_borders(self) -> Iterator[CurveSeen]:
-        """Yield the curves of type I: an input can move while the output rests.
+        """Yield the curves of type I, which are the borders of the reach of driven legs.
 
-        A driven leg (leg whose pair at the base is an input) is then at the limit of its
-        reach, stretched or folded. Base and output mirror each other in the mid-plane. The
+        A driven leg is a leg whose pair at the base is an input. At the limit of its reach
+        it is stretched or folded. There the input can move while the output rests, which is
+        a singularity of type I. Base and output mirror each other in the mid-plane. The
         normal of this plane determines the pose, so each point of a curve is a normal. The
         curves are circles, or arcs of circles. Arcs end where another leg does not reach,
         or at n_z = 0, because n and -n belong to the same plane.

@@ -33,9 +33,10 @@ class InputMidPlanes:
         output. They are in mirror axes (a second set of axes fixed to the base). NaN where
         the inputs determine no mid-plane.
     driven_signs
-        (n, 2) signs, 1.0 or -1.0, of the two driven legs: the signs of n . (base axis x
-        elbow). The elbow is the axis between both links of the leg. 0.0 if the output
-        points in its home direction, because the sense of n is then undetermined.
+        (n, 2) sign of each of the two driven legs, 1.0 or -1.0. A leg has two links, and
+        its elbow is the axis between them. The sign tells which of two possible elbows the
+        leg has. It is the sign of normal . (base axis x elbow). It is 0.0 if the output
+        points in its home direction, because the sense of the normal is then undetermined.
     """
 
     normals: Floats

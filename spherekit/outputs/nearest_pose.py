@@ -681,7 +681,8 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
         (d,) change of v.
     largest_multiplier
         Largest Lagrange multiplier of a linearised margin, 0 if none is active or there is
-        no solution. In the line search, the factor of violated margins has to be larger.
+        no solution. The caller needs it for the merit function of the line search, in which
+        the factor of the violations (`penalty`) must be larger than all multipliers.
     """
     is_used = (np.linalg.norm(gradients, axis=1) > 0.0) & np.isfinite(values)
     gradients = gradients[is_used]

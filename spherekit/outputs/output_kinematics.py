@@ -126,9 +126,9 @@ class InverseRows(ArrayRows):
         # if one of them is NaN, and then fails the comparison below.
         least_measure = np.minimum(np.min(self.type_1, axis=1), self.type_2)
         has_inputs = np.isfinite(self.inputs).all(axis=1)
-        # A small measure is the sine of an angle, the distance to the singularity. Below
-        # the limit half of the digits of the configuration are lost. The limit is that for
-        # two links (a dyad) that are nearly in line.
+        # Both measures are 0 at a singularity. Where two links are nearly in line, half of
+        # the digits are lost if the sine of the angle between them is below this limit. The
+        # same limit is used here for every measure.
         is_regular = has_inputs & (least_measure > SINGULAR_DYAD_SINE)
         status = np.where(is_regular, Status.OK, Status.AT_SINGULARITY)
         status[is_outside] = Status.OUT_OF_REACH

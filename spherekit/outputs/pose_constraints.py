@@ -454,8 +454,9 @@ def _limit_axis_angles(
     Parameters
     ----------
     kinematics
-        The output, with its legs and the ranges of the angles between their axes. Pair
-        numbers belong to the mechanism `kinematics.carrying`.
+        The output, with its legs and the ranges of the angles between their axes. The
+        pairs have their numbers in `kinematics.carrying`: the mechanism without the wheels
+        that drive it.
     constraints
         The constraints that the user sets.
 
@@ -488,7 +489,7 @@ def _limit_axis_angles(
             """Return the cosine (n,) of the angle between both axes."""
             return rows.cosine(*axes)
 
-        # A lower limit of 0 and an upper limit of pi are always kept.
+        # A lower limit of 0 and an upper limit of pi are always kept, so they are left out.
         if COLLINEAR_SINE < low < np.pi - COLLINEAR_SINE:
             title = f"axes {name} at least {_format_degrees(low)} ({strictest_low.source})"
             bounds.append(AngleLimit(title, low, at_least=True, cosine=cosine))

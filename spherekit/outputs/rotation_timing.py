@@ -501,10 +501,11 @@ def _check_shape(shape: str | Law) -> Law:
                 f"Shapes: {listing(SHAPES)}"
             )
         return SHAPES[shape]
-    # The law gives values and two derivatives; only the values are checked.
+    # The law gives values and two derivatives; only the values are checked. A law can be a
+    # table. If its times do not cover 0 to 1, `at` raises `ModelError`.
     try:
         values, _, _ = shape.at(np.linspace(0.0, 1.0, LAW_CHECK_SAMPLES))
-    except ModelError as problem:  # a table of other times
+    except ModelError as problem:
         raise SolveError(f"shape: {problem}") from None
     end_errors = values[[0, -1]] - [0.0, 1.0]
     range_errors = values - np.clip(values, 0.0, 1.0)

@@ -156,9 +156,9 @@ class PairRateEquation:
     """The equation for the rate of one pair of a dyad, at n poses.
 
     A dyad is two links, joined by a middle pair with the axis b. The near pair (axis a) and
-    the far pair (axis c) join the dyad to two supports, links placed before, with the
-    angular velocities w_near and w_far. The rate of a pair is the rate of one of its links,
-    the moving link, as seen from its other link. The moving link is the near link for the
+    the far pair (axis c) join the dyad to two other links, its supports, with the angular
+    velocities w_near and w_far. The rate of a pair is the rate of one of its links, the
+    moving link, as seen from its other link. The moving link is the near link for the
     near pair, and the far link for the other two pairs. With the rates A, B, C of the three
     pairs, the angular velocity of the far link is
 
@@ -733,8 +733,11 @@ class WorkingMode:
         """Return the rate of a pair's variable, as a fraction for any motion of the output.
 
         The fraction is ``numerator . w / denominator`` with the angular velocity w of the
-        output. The pair belongs to a dyad: two links between two links placed before, its
-        near and far support. The motion of both supports determines the rate.
+        output. At singular configurations the denominator can be 0, so both parts are kept.
+
+        The pair belongs to a dyad: two links that are joined to each other and to two other
+        links, the near and the far support. The positions of both supports are found before
+        that of the dyad. The motion of both supports determines the rate.
         """
         chain = self.chain
         dyad = chain.dyads[chain.dyad_of_pair[pair]]

@@ -194,12 +194,14 @@ class CurveContinuation(ABC, Generic[Node]):
     def start_after_periods(self, starts: Node, nodes: Node, values: Floats) -> Node:
         """Return the first nodes of curves, with variables moved by whole periods.
 
-        A closed curve returns to its start after one lap, but angles may have grown by
-        whole periods (revolutions). The moved start is compared with the end of the lap.
+        A closed curve returns to its start after one lap, but angles may have changed by
+        whole periods (revolutions). The moved start is compared with the end of the lap, to
+        find out whether the curve closes.
 
-        A subclass with further unknowns, such as rates of links, overrides this method.
-        Where the further unknowns of `starts` and `nodes` differ, NaN is returned, so that
-        the lap does not close.
+        A subclass with further unknowns, such as rates of links, overrides this method. A
+        curve closes only if these unknowns are the same in the first and the last node. If
+        they differ, the variables of the returned node are NaN, so the curve does not
+        close.
 
         Parameters
         ----------

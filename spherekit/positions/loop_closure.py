@@ -178,10 +178,10 @@ class Closure:
         max_steps: int = 12,
         longest_step: float = 0.5,
     ) -> Linearisation:
-        """Close the loops of bodies by Newton's method, independently for each sample.
+        """Close the loops by Newton's method, independently for each sample.
 
-        The unknowns are the variables of the pairs (joints), for example angles of revolute
-        pairs.
+        A loop is a closed chain of bodies that are joined by pairs (joints). The unknowns
+        are the variables of the pairs, for example angles of revolute pairs.
 
         Parameters
         ----------
@@ -196,8 +196,9 @@ class Closure:
 
         Returns
         -------
-        The loops linearised at the last values: their closure errors, and the derivatives
-        with respect to the variables. The loops may still be open.
+        The loop equations, linearised at the values after the last step. Its attribute
+        `values` has these values. Newton's method may fail, so `closure_residual` tells by
+        how much (rad) the loops of each sample are still open.
         """
         linearisation, _ = self.solve_and_report_steps(
             values, fixed, max_steps=max_steps, longest_step=longest_step
@@ -229,8 +230,8 @@ class Closure:
         Returns
         -------
         linearisation
-            The loops linearised at the last values: their closure errors, and the
-            derivatives.
+            The loop equations, linearised at the values after the last step, as `solve`
+            returns them.
         newton_steps
             For each sample the first step (rad), and the ratio of the second step to the
             first.

@@ -426,12 +426,14 @@ class SampledModes:
     def _assign_solution(self, values: Floats, sample: int) -> int:
         """Return the index of the solution to which a configuration belongs.
 
-        A solution is a set of configurations that were reached from one start, or a single
-        configuration that was computed before. All known configurations are nodes of a
-        graph, and each node belongs to one solution at most. From a configuration that is
-        no node yet, a new solution is followed: verified steps lead to neighbouring samples
-        of the inputs, and from there to further samples. The configurations that are
-        reached, a sheet, are added as nodes. There are at most `MAX_ASSEMBLY_MODES` sheets.
+        A search from random starts counts how often it reaches each solution. A solution
+        is a sheet, or a single configuration that was computed before the search. A sheet
+        is the set of configurations that verified steps reach from one start: the steps
+        lead from sample to neighbouring sample of the inputs.
+
+        All known configurations are nodes of a graph, and each node belongs to one solution
+        at most. If the configuration is no node yet, the sheet through it is followed and
+        added to the graph. There are at most `MAX_ASSEMBLY_MODES` sheets.
 
         Parameters
         ----------

@@ -101,12 +101,14 @@ class LoopEvaluation:
 
 @dataclass(frozen=True)
 class GroupFold:
-    """The fold (meeting of two configurations) of a group of bodies, at n rows.
+    """The fold of a group of bodies, at n rows.
 
     A row is one sample of the inputs. At a fold the Jacobian of the loop equations has a
-    singular value 0, with the right singular vector v and the left one u. If the variables
-    are moved from the fold by x (rad) along v, the loops open by f(x) = e + h x^2 / 2 (rad)
-    along u. The group closes at the roots of f.
+    singular value 0, with the right singular vector v and the left one u. The loops are
+    open by e (rad) along u, and closed in all other directions. If the variables are moved
+    from the fold by x (rad) along v, the loops are open by f(x) = e + h x^2 / 2 (rad) along
+    u. The group closes at the roots of f. If e is 0, its two configurations meet at the
+    fold.
 
     Attributes
     ----------
@@ -134,13 +136,15 @@ class GroupFold:
     ) -> Array:
         """Estimate the configuration that belongs to an assembly mode near a fold.
 
-        A group is a set of bodies that are placed together. At a fold two of its
-        configurations meet, so Newton's method works badly near it. At the fold, all
-        components of the loop equations are zero, except one. If the variables move from
-        the fold by x (rad) along the unit vector `direction`, this component is f(x) = e +
-        h x^2 / 2 (rad). Here e is `residual` and h is `curvature`. The roots x = +- sqrt(-2
-        e / h) belong to two modes (ways to assemble). The determinants of their Jacobians
-        have opposite signs.
+        A group is a set of bodies that are placed together. At a fold its Jacobian is
+        singular, so Newton's method works badly near it. The estimate is a better start.
+
+        At the inputs of a row the loops need not close at the fold: in one direction they
+        are open by e (`residual`). If the variables move from the fold by x (rad) along the
+        unit vector `direction`, the opening becomes f(x) = e + h x^2 / 2 (rad), where h is
+        `curvature`. The loops close at the roots x = +- sqrt(-2 e / h). The two roots
+        belong to two modes (ways to assemble). The determinants of their Jacobians have
+        opposite signs.
 
         There are n configurations (rows). Rows without a fold (`is_known` is false) may be
         NaN.
@@ -344,12 +348,13 @@ class GroupLoops:
     def find_fold(self, values: Array) -> GroupFold:
         """Find the fold near variables (n, pairs), in rad.
 
-        At a fold two configurations of a group of bodies meet. v and u are the right and
-        left singular vectors of the smallest singular value s of the Jacobian. If the
-        variables move by x along v, the loops are open along u by f(x) = e + s x + h x^2 /
-        2. At the fold the slope s is zero, and the loops close in all directions but u.
-        Newton's method solves both conditions. Its step along v is -s / h. The rest e along
-        u is part of the result, and decides whether the group closes near the fold.
+        At a fold two configurations of a group of bodies meet, if its loops close there.
+        The vectors v and u are the right and left singular vectors of the smallest singular
+        value s of the Jacobian. If the variables move by x along v, the loops are open
+        along u by f(x) = e + s x + h x^2 / 2. At the fold the slope s is zero, and the
+        loops close in all directions but u. Newton's method solves both conditions. Its
+        step along v is -s / h. The rest e along u is part of the result, and decides
+        whether the group closes near the fold.
 
         The Jacobian and its singular vectors are computed in float64. Their errors only
         slow Newton's method down. Only the residual needs quad precision.

@@ -298,19 +298,19 @@ def descend_to_closure(
 
 @dataclass(frozen=True)
 class WheelRepetition:
-    """How two wheels touch after one of them, or both, have made whole revolutions.
+    """Which of two wheels in contact makes whole revolutions between two configurations.
 
-    This information serves to recognise configurations that differ only by such
-    revolutions. A wheel has made whole revolutions if it touches at the same point of its
-    profile as before.
+    The wheels roll on each other from one configuration to the other. A wheel makes whole
+    revolutions if it touches at the same point of its profile in both configurations. This
+    information serves to recognise configurations that differ only by such revolutions.
 
     Attributes
     ----------
     repeated_wheel
-        Number of the wheel (a body) that has made whole revolutions.
+        Index of a wheel (a body) that makes whole revolutions.
     turned_wheel
-        Number of the other wheel, if it touches at another point of its profile than
-        before. Its orientation may then differ. None if it has made whole revolutions, too.
+        Index of the other wheel, if it touches at different points of its profile. Its
+        orientation may then differ. None if it makes whole revolutions, too.
     """
 
     repeated_wheel: int
@@ -340,11 +340,12 @@ class RolledLength:
     wheels: tuple[int, int]
 
     def find_repetition(self, additional_length: float) -> WheelRepetition | None:
-        """Find the wheel that has made whole revolutions while both rolled on each other.
+        """Find the wheel that makes whole revolutions between two configurations.
 
-        A wheel that has made whole revolutions touches at the same point of its profile as
-        before. It is called the repeated wheel. If the other wheel touches at another point
-        of its profile, its orientation may differ. It is then called the turned wheel.
+        The wheels roll on each other from one configuration to the other. A wheel that
+        touches at the same point of its profile in both is called the repeated wheel. If
+        the other wheel touches at different points of its profile, its orientation may
+        differ. It is then called the turned wheel.
 
         Parameters
         ----------
@@ -430,7 +431,7 @@ class DistinctConfigurations:
     """
 
     def __init__(self, closure: Closure) -> None:
-        """Begin without configurations of the group of bodies with the loops `closure`."""
+        """Begin with an empty collection; the class describes the argument."""
         self.closure = closure
         # True as soon as a new configuration is left out because there are too many.
         self.is_truncated = False

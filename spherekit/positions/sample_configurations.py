@@ -80,9 +80,12 @@ class SampleConfigurations:
     At a sample the mechanism can be assembled in several ways, so it can have several
     configurations. The configurations are sorted by sample.
 
-    If the sine of a dyad is below `SINGULAR_DYAD_SINE`, its two configurations nearly
-    coincide and count as one. A dyad that turns freely, because its outer axes lie on one
-    line, has infinitely many configurations, of which one is in the table.
+    A dyad is two links that a middle pair joins to each other, and two outer pairs to links
+    that are placed before. It closes in two configurations. They coincide at the dead
+    centre, where the three axes of the dyad are in one plane. If the sine of the angle at
+    the middle axis is below `SINGULAR_DYAD_SINE`, the two configurations count as one. A
+    dyad turns freely if its outer axes lie on one line. Of its infinitely many
+    configurations, one is in the table.
 
     Attributes
     ----------
@@ -288,8 +291,8 @@ def _place_both_modes(state: AssemblyState, group: Group) -> GroupPlacement:
     parents = []
     for sign in (1, -1):
         placed = state.copy()
-        # The sine of a dyad is zero at the dead centre, where its three axes are in one
-        # plane.
+        # The sine of the angle at the middle axis is zero at the dead centre, where the
+        # three axes of the dyad are in one plane.
         sine = place_dyad(placed, group, sign)
         # `is_open` marks the rows at which the dyad does not close.
         closes = ~placed.is_open

@@ -424,6 +424,9 @@ class CurveSearch:
     def _has_unmatched_arm(self) -> bool:
         """Return whether known curves and arms of saddles may fail to match one to one.
 
+        Modes are counted by curves. If the result is True, the count could be wrong, so
+        modes are not counted (`OVERLAPPING`).
+
         A saddle is a place where configuration curves cross or nearly do. An arm is one of
         the four branches of curves that leave it. Exactly one known curve (chain of arcs)
         must end on each arm. Only an arm that leads out of the range of the input needs
@@ -435,7 +438,8 @@ class CurveSearch:
         for use in self._list_arm_uses():
             # The input is the last variable. `side` is 1 if the saddle is above the range
             # of the input, -1 below, 0 within. The negative margin makes the range
-            # narrower, so a saddle just within the range counts as outside.
+            # narrower. Without it, rounding would decide the side of a saddle at the end of
+            # the range.
             saddle_input = use.saddle.centre[-1]
             side = self.side(saddle_input, -OUTSIDE_RANGE_RAD)
             lacks_chain = use.chain_ends == 0 and not use.leads_out(side)

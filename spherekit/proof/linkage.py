@@ -221,21 +221,22 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
     """Return functions that compute the rotation and the axis of each pair, in balls.
 
     The rotation is that of the second link of the pair relative to the first. A ball is a
-    number with a bound of its error. All numbers are computed from the sizes in the file.
+    number with a bound of its error. The functions serve to place all links with error
+    bounds.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     frames
-        By name of a revolute pair: its frames in both links.
+        By name of a revolute pair: its frames in both links, in balls.
     """
-    # A file has either sizes, with the arc lengths at which wheels start to roll, or a
-    # reference pose, in which the wheels touch where they start.
+    # A mechanism file has either sizes or a reference pose. Sizes include the arc lengths
+    # at which wheels start to roll. In a reference pose, wheels start where they touch.
     has_reference_pose = isinstance(mechanism.geometry, PoseGeometry)
     kinematics = []
-    # `joint` is the pair in float64. Of a reference pose, it only tells near which point
-    # two profiles touch.
+    # `joint` is the pair in float64. Only contacts need it: it has the indices of their
+    # variables, and exact or approximate starts of their curves.
     for pair, joint in zip(mechanism.pairs, make_joints(mechanism), strict=True):
         if pair.profiles is None:
             kinematics.append(_revolute_kinematics(*frames[pair.name]))

@@ -625,7 +625,8 @@ def _bound_angle_deviation(
         z - z0 = linear motion + deviation,   where |deviation| <= tube radius.
 
     So the angle deviates from linear motion by at most (tube radius) / ``|z0|``, plus the
-    remainder. The function adds some margins, for rounding and for the error of z0.
+    remainder. The tube radius includes the error of z0. The function adds margins, mainly
+    for rounding.
 
     Parameters
     ----------
@@ -648,8 +649,9 @@ def _bound_angle_deviation(
     tube_deviation = tubes.tube_radius[:, np.newaxis] / magnitude
     relative_change = tubes.displacement / magnitude
     logarithm_remainder = _bound_logarithm_remainder(relative_change)
-    # A margin for the error of z0: the exact z of a real root has the magnitude 1, so the
-    # difference from 1 shows how exact z0 is.
+    # An additional margin. The tube radius already covers the error of z0, so the bound is
+    # valid without it. The exact z of a real root has the magnitude 1, so a difference
+    # from 1 is an error of z0.
     magnitude_error = np.abs(magnitude - 1.0)
     # These allowances are far larger than the rounding errors (relative error 1.1e-16,
     # angles below pi). The factor 1.05 covers the rounding of the first two terms.

@@ -92,7 +92,7 @@ def are_excluded(
         (n, v) half widths of the boxes (rad).
     remainders
         (n, k) bounds of the difference of the equations from their linear approximations
-        over the boxes, including errors.
+        over the boxes. They include the numerical errors of `values` and `slopes`.
     """
     weights = _choose_weights(slopes)
     rounding = _bound_rounding_of_sums(values, slopes, radii)

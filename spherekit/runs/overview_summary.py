@@ -153,14 +153,17 @@ def _summarize_transmission(
 
 
 def _summarize_excess(output: OutputOverview) -> Facts:
-    """Return by how much extremes between samples may exceed the extremes at samples.
+    """Return by how much true extremes may exceed the extremes in the overview.
 
-    The estimates are for the angle of an output (rad), its velocity ratio, and its
-    transmission angle (rad) or transmission measure.
+    A quantity can have an extreme between two samples. Parabolas through the values at
+    successive samples estimate such extremes (`SmoothExtremes`). The results are for the
+    angle of an output (rad), its velocity ratio, and its transmission angle (rad) or
+    transmission measure.
     """
-    # If the rates of the angle are known, turning points between samples are computed, with
-    # an error. If the rates are unknown, parabolas through successive angles give the
-    # excess. One of the two numbers is always 0.
+    # If the rates of the angle are known, its turning points between samples are
+    # interpolated where the rate is nearly linear. The range includes these points.
+    # `turning_error_rad` estimates the error of the range, and there are no parabolas. If
+    # the rates are unknown, parabolas give the excess, and there is no such error.
     parabola_excess = output.smooth_angle.excess(output.lowest_rad, output.highest_rad)
     angle_excess = max(parabola_excess, output.turning_error_rad)
     ratios = [

@@ -273,7 +273,10 @@ class ThirdAxis:
 
 
 def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
-    """Return the third axis of a relation if input and output have a link in common.
+    """Return the third axis of the input-output relation if three links are different.
+
+    The relation is c y' = d q', with the rates y' of the output and q' of the input. Its
+    coefficients c and d, and the conditions for singularities, need the third axis.
 
     The input is the rotation of link i relative to r. The output is the rotation of link o:
     relative to s in form "i", and relative to r in form "ii". If both share a link, there

@@ -104,6 +104,11 @@ def find_passed_parts(
 ) -> list[PassedPart]:
     """Return the parts of curves of configurations that a simulation passes, in order.
 
+    The caller needs them to tell which points of the curves, such as singularities, the
+    simulation passes. A part contains all its rows. Rows at a crossing are on no curve,
+    because curves end a little before it. So where the simulation passes a crossing, the
+    part is extended to the end of the curve.
+
     Parameters
     ----------
     rows
@@ -118,12 +123,16 @@ def find_passed_parts(
     if not curves:
         return []
     finder = _PartFinder(rows, curves, crossings, driven, periods)
+    # A visit is the rows that are on one part.
     visits = finder.split_into_visits()
     parts = [finder.make_part(visit) for visit in visits]
     for number, (visit, part) in enumerate(zip(visits, parts, strict=True)):
-        # The ends of the curve at which the simulation is at a crossing, before, in or
-        # after this part.
+        # The ends of the curve of this part, at crossings that the simulation passes. First
+        # those at crossings at which a row is.
         ends = list(finder.find_ends_at_rows(visits, number))
+        # Then the ends at which it passes from the previous part and to the next part.
+        # `find_common_ends` returns the end of the earlier part and that of the later part,
+        # or an empty list. Only the end of this part is used.
         if number > 0:
             ends += finder.find_common_ends(visits[number - 1], visit)[1:]
         if number + 1 < len(visits):

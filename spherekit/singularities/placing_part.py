@@ -91,7 +91,7 @@ def _find_smaller_part(whole: PositionAnalysis, links: Iterable[int]) -> Placing
     """Return the part of a mechanism that places some links, None if it cannot be used.
 
     The part determines the positions of these links. It has fewer configurations to examine
-    than the whole mechanism. It is used only under two conditions:
+    than the whole mechanism. It must fulfil two conditions:
 
     - Each assembly mode (way to assemble the links) of the whole mechanism contains one
       mode of the part. This is tested at some samples of the input.

@@ -922,7 +922,8 @@ def _note_near_neighbours(
     s = rests.s.tolist()
     errors = rests.errors.tolist()
     numbers = range(len(types))
-    # On a closed curve the first point follows the last one.
+    # On a closed curve the first point follows the last one. On an open curve the gap
+    # between them is infinite: a negative number modulo infinity is infinity.
     for k, following in pairwise([*numbers, *numbers[:1]]):
         gap = (s[following] - s[k]) % lap
         sum_of_errors = errors[k] + errors[following]

@@ -239,22 +239,23 @@ def _find_modes_in_order(block: TableData) -> list[tuple[int, slice]] | None:
 
 
 def _find_slices_in_order(modes: Array, samples: Array) -> list[tuple[int, slice]] | None:
-    """Return each assembly mode with its slice of items, None if they are out of order.
+    """Return each assembly mode with its slice of rows, None if they are out of order.
 
-    An assembly mode is one of the ways to assemble the mechanism. Items are in order if all
-    items of a mode follow each other, with samples that never decrease.
+    Rows in order need not be sorted. An assembly mode is one of the ways to assemble the
+    mechanism. Rows are in order if all rows of a mode follow each other, with samples that
+    never decrease.
 
     Parameters
     ----------
     modes, samples
-        (n,) number of the assembly mode, and of the sample, of each item.
+        (n,) number of the assembly mode, and of the sample, of each row.
     """
     if not len(modes):
         return []
     mode_steps = np.diff(modes)
     sample_steps = np.diff(samples)
     falls_within_mode = (mode_steps == 0) & (sample_steps < 0)
-    # Divide the items where the mode changes from one item to the next.
+    # Divide the rows where the mode changes from one row to the next.
     starts = [0, *(np.flatnonzero(mode_steps) + 1).tolist()]
     stops = [*starts[1:], len(modes)]
     modes_of_slices = [int(modes[start]) for start in starts]

@@ -672,13 +672,16 @@ class RowVelocities:
                 errors[name] += error
 
     def _errors_of_common_axis(self, links: Pole) -> dict[str, Floats]:
-        """Return the errors of a pole that come from the rounding of a common axis.
+        """Return the errors of a pole because the axes of its pairs are rounded numbers.
 
-        The pole (axis of the relative rotation of two links) is the axis of several pairs
-        (joints). Each rounded axis (unit vector) can be wrong by `SAME_AXIS_SINE`. The
-        relative angular velocity v of the links, and its derivative dv with respect to the
-        input, are sums of terms in proportion to axes. The direction of the pole is u = v /
-        |v|. The error bounds are:
+        A pole is the axis of the relative rotation of two links. Here several pairs
+        (joints) in series join the links. Their axes should be one line, the pole, but they
+        differ by rounding. Each axis (unit vector) can be wrong by `SAME_AXIS_SINE`, the
+        largest sine between axes that count as equal.
+
+        The relative angular velocity v of the links is a sum of terms that contain these
+        axes. So is its derivative dv with respect to the input. The direction of the pole
+        is u = v / |v|. The error bounds are:
 
         - of v and dv: `SAME_AXIS_SINE` times the sum of the sizes of the terms. The sums
           over all pairs of the mechanism are used, which are at least as large.

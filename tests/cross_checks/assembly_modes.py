@@ -97,6 +97,10 @@ def run_and_curves(evidence, notes):
     samples, over the whole range of the only input. Mechanisms with several inputs have no
     such curves.
 
+    The run and the set of curves each have a claim, which states whether they have all
+    configurations. `compare` notes what one has and the other lacks. The claim of the other
+    decides whether this is a contradiction.
+
     Parameters
     ----------
     evidence, notes
@@ -108,8 +112,8 @@ def run_and_curves(evidence, notes):
     position_analysis = evidence.position_analysis
     curves = evidence.configurations
     # With wheels in mesh, curves go on over several revolutions of the input and may have
-    # more configurations at an input than a run. The run is then not required to be
-    # complete.
+    # more configurations at an input than a run. The run is then compared without a claim,
+    # so that it may lack configurations.
     has_wheels = any(pair.type == "Cr" for pair in position_analysis.mechanism.pairs)
     run_claim = None if has_wheels else position_analysis.claim
     variable = position_analysis.solver.input_variable
