@@ -200,8 +200,8 @@ def test_signs_of_pole_directions_continue_through_slices_as_without_a_kernel(
         differences = find_differences(evaluations)
         assert differences.are_none, differences
         # `share` is the share of all rows that the kernel computes: most of the rows with
-        # status OK. Other rows cannot be assembled: two modes of `three_rrr` have few of the
-        # samples only.
+        # status OK. Other rows cannot be assembled: two modes of `three_rrr` have few of
+        # the samples only.
         share_of_kernel = differences.share
         share_of_ok_rows = np.mean(evaluations.reference_motion.status == Status.OK)
         assert share_of_kernel > 0.7 * share_of_ok_rows

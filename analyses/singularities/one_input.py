@@ -774,7 +774,7 @@ def _describe_crossing(point: SingularPoint) -> list[str]:
 def _describe_claim(claim: Completeness) -> str:
     """Return in words whether curves of configurations may have been missed."""
     if claim.guarantee in (Guarantee.CERTIFIED, Guarantee.COMPLETE):
-        return "these are all"
+        return "no other curves exist"
     if claim.guarantee is Guarantee.TO_BOX:
         return (
             f"curves over less than {number_text(np.degrees(claim.box), digits=3)} deg of "
