@@ -57,15 +57,16 @@ is reported. Smaller: rounding decides which of equal maxima is reported."""
 AXIS_MEANINGS = {
     "x": "for an R pair, x is the direction, fixed in the second link, to which the pair "
     "angle is measured; for a contact, x is the tangent",
-    "y": "for an R pair, y is fixed in the second link, perpendicular to x and to the pair "
-    "axis; for a contact, y is the normal",
+    "y": "for an R pair, y is fixed in the second link, perpendicular to the pair axis and "
+    "to the direction to which the pair angle is measured; for a contact, y is the normal",
     "z": "for an R pair, z is the pair axis; for a contact, z is the line from the centre "
     "to the contact point",
 }
 """Meanings of the axes of a pair, along which components are given."""
 FIRST_LINK_AXIS_MEANINGS = {
     "x": "the direction from which the pair angle is measured",
-    "y": "perpendicular to x and to the pair axis",
+    "y": "perpendicular to the pair axis and to the direction from which the pair angle is "
+    "measured",
 }
 """Meanings of the axes of an R pair that are fixed in its first link."""
 

@@ -97,7 +97,7 @@ def test_a_model_has_the_pose_of_the_mechanism_and_motors_at_its_inputs(name, in
 
 
 def with_prescribed_inputs(text, inputs):
-    """Return a model whose inputs are constraints by constraints as stiff as its loops."""
+    """Return a model whose inputs are held by constraints as stiff as its loops."""
     stiffness = re.search(r'solref="[^"]*" solimp="[^"]*"', text)[0]
     constraints = "".join(
         f'<joint joint1="{pair}" polycoef="0 0 0 0 0" {stiffness}/>' for pair in inputs
@@ -156,9 +156,11 @@ def test_loads_have_the_power_that_they_say():
     Power is torque times joint rate, force times velocity of the point, or moment times
     angular velocity. The formulas below have the numbers of `LOADS`.
 
-    Angles and rates are random. They need not close the loop of links, because the formulas
-    of the loads are true for any angles and rates. In MuJoCo's model, links form a tree;
-    pair 41 closes the loop. One load acts at this pair.
+    MuJoCo's model is a tree of joints. Pair 41 closes the loop of links and has a load. It
+    is therefore a joint of a second body of link 4, and a weld joins both bodies.
+
+    Angles and rates of all joints are random and independent. They need not satisfy the
+    weld, because the formulas of the loads are true for any angles and rates.
     """
     loaded = replace(sk.load("four_bar"), loads=LOADS)
     mujoco_model = MujocoModel(*find_pose(loaded, inputs=0.7))

@@ -534,14 +534,23 @@ def test_the_verification_of_a_resumed_run_names_the_samples_it_leaves_out(
 
 @pytest.mark.parametrize("first_row", [1, -2])
 def test_a_table_that_has_other_rows_with_reference_values_is_not_verified(first_row):
-    """An analysis of whole motions keeps two rows, or in its last calculation others.
+    """A table is not verified if reference values give it other rows than the run.
 
-    These are one row or two other rows. The last calculation is that with the reference
-    values. The run keeps its table, and the pair variables are still verified.
+    An analysis of whole motions may choose its rows by their values. The verification
+    computes its table once more with reference values (of many digits). Rows that differ
+    cannot be compared. The run keeps its table, and the pair variables are still verified.
+    With `first_row` 1 the other table has only row 1, with -2 it has the last two rows.
     """
+    other_rows = slice(1, 2) if first_row == 1 else slice(first_row, None)
 
     @dataclass(frozen=True)
     class KeepsOtherRows(MinimalAnalysis):
+        """Keeps the first two rows, but `other_rows` in its third calculation.
+
+        The run makes the first calculation. The verification makes the second with the
+        values of the run, and the third with the reference values.
+        """
+
         name: ClassVar = "kept"
         tables: ClassVar = (
             Table("kept", "", (SAMPLE, ASSEMBLY_MODE, Column("angle", "rad", ""))),
@@ -553,9 +562,7 @@ def test_a_table_that_has_other_rows_with_reference_values_is_not_verified(first
 
         def compute(self, batch):
             KeepsOtherRows.call_count += 1
-            rows = slice(0, 2)
-            if KeepsOtherRows.call_count == 3:
-                rows = slice(first_row, None) if first_row < 0 else slice(first_row, 2)
+            rows = other_rows if KeepsOtherRows.call_count == 3 else slice(0, 2)
             columns = with_row_columns(batch, angle=batch.continued_value("32"))
             return {"kept": {name: values[rows] for name, values in columns.items()}}
 

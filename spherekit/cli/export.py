@@ -100,8 +100,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--assembly-mode",
         metavar="N-or-NAME",
         help=(
-            "number or name of the assembly mode (default: 0; for source code and "
-            "coupling: all)"
+            "number or name of the assembly mode (default: 0; for source code and with "
+            "--to coupling: all)"
         ),
     )
     parser.add_argument(

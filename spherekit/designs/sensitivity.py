@@ -218,10 +218,13 @@ class Sensitivity:
     def moves_wheels_apart(self, key: str) -> bool:
         """Return whether a size has no derivatives, because it moves wheels apart.
 
-        Wheels with a common carrier are replaced by constant ratios, so they need not touch
-        exactly. This is impossible if the mechanism also has a profile that is not a
-        circle. Then the wheels keep their contact. If a size of their file moves them
-        apart, the loops of the changed mechanism do not close.
+        A wheel is a circle that rolls on another one. Both rotate about axes on the same
+        link, their carrier. If a size changes, the wheels may no longer touch exactly.
+
+        If all contact profiles are circles, this does no harm, because constant gear ratios
+        replace the wheels. If another profile is not a circle, all contacts are kept. The
+        loops of a mechanism with wheels that do not touch cannot be closed. So a trial step
+        shows whether all wheels still touch.
 
         Parameters
         ----------
@@ -236,6 +239,7 @@ class Sensitivity:
         if not (has_shaped_profiles(self.mechanism) and self._wheel_contacts):
             return False
         variable = self._make_variable(key)
+        # Numbers of masses, loads and outputs move no wheel.
         if variable.path[0] in ACTIONS or variable.path[0] == "outputs":
             return False
         for step in (TRIAL_STEP_RAD, -TRIAL_STEP_RAD):
@@ -245,6 +249,7 @@ class Sensitivity:
             except SpherekitError:
                 # The file does not allow this value. The other one is tried.
                 continue
+            # A contact is None if its wheels no longer touch or have no common carrier.
             return any(
                 find_carried_contact(changed, joints, pair, TOUCHING_COSINE_TOLERANCE)
                 is None

@@ -107,8 +107,9 @@ class ColumnGradients:
     Attributes
     ----------
     closes
-        (n,) whether the mechanism can be assembled at the sample. Always true if positions
-        have no closed form.
+        (n,) whether the mechanism can be assembled at the sample. This is tested only if
+        positions are computed in closed form. Otherwise positions are arguments, and all
+        values are true.
     columns
         (columns, n) values of the quantities in rad and SI units.
     gradients

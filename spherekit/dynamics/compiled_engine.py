@@ -173,7 +173,8 @@ def by_taylor_series(
     if status != Status.OK:
         raise make_start_error(problem, STATUS_MEANING[status])
     compiled = _integrate(problem, motion, tolerance)
-    # The path converts the momenta of each run to those of a `Simulation`.
+    # The momenta of a run belong to the coordinates of this run. The path converts them to
+    # the momenta of a `Simulation`, which can have other coordinates.
     path = make_taylor_path(compiled.runs, compiled.momentum_conversions)
     last_run = compiled.runs[-1]
     seconds = time.perf_counter() - started - compiled.compile_seconds

@@ -161,16 +161,24 @@ def motion_by_combinations(
 def _refine_last_columns(inverse: Floats, matrix: Floats, count: int) -> Floats:
     """Return the last columns of inverse matrices, corrected for rounding errors.
 
-    This is one step of iterative refinement. With the matrix A, a column x of its inverse
-    and the column e of the unit matrix, the residual is e - A x. The inverse times this
-    residual is added to x.
+    These columns are the rates of the variables per unit rate of each coordinate. The
+    correction is one step of iterative refinement. With the matrix A, a column x of its
+    inverse and the column e of the unit matrix, the residual is e - A x. The inverse times
+    this residual is added to x.
+
+    If closure equations are redundant, A has more rows than columns. The residual of the
+    last columns is still zero up to rounding. For these columns, e is zero in all closure
+    equations, so redundant ones do not contradict the others.
 
     Parameters
     ----------
-    inverse, matrix
-        (n, variables, equations) left inverses of the matrices (n, equations, variables).
+    inverse
+        (n, variables, equations) left inverses of the matrices.
+    matrix
+        (n, equations, variables) matrices. Their last `count` rows define the coordinates,
+        and all other rows are closure equations.
     count
-        Number of columns to refine.
+        Number of columns to refine, one for each coordinate.
     """
     columns = inverse[:, :, -count:]
     unit_columns = np.eye(matrix.shape[1])[:, -count:]

@@ -98,9 +98,9 @@ def simulate(
         Times (s) at which expressions of loads have kinks. The kinks of torque tables need
         not be given.
     crossings
-        Whether a simulation ends where curves or surfaces of configurations cross, or
-        continues straight on, as rigid links without play do. Only the NumPy engine can
-        continue.
+        What happens where curves or surfaces of configurations cross. With ``"end"`` the
+        simulation ends there. With ``"pass"`` it continues straight on, as rigid links
+        without play do. Only the NumPy engine can continue.
     check
         Whether to repeat the simulation with a hundredth of the tolerance, and to compare
         both. If they differ by more than the tolerance, or if the power is not balanced,
@@ -110,8 +110,9 @@ def simulate(
         ``"auto"`` takes the engine that is expected to finish first, or the only engine
         that supports all loads. The result says which engine was taken, and why.
     compact
-        Whether the compiled engine uses the compact mode of heyoka. Without this mode,
-        compiling takes longer, and solving takes about a third less time.
+        Whether the compiled engine uses the compact mode of heyoka, the library that
+        compiles and solves its equations. Without this mode, compiling takes longer, and
+        solving takes about a third less time.
     seen
         A function that is called with the simulation so far, every few seconds while the
         NumPy engine solves it. It is not called if a one-sided contact may end the

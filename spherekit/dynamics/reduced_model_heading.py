@@ -38,10 +38,11 @@ class StoredFunction:
     name, unit
         Name and unit of the function.
     largest
-        Scale of the function: its largest absolute value at many samples. The components of
-        a vector share the value of the largest component. A function that is small compared
-        with others of its kind has a larger scale, and a function that is zero has the
-        scale 1 if all of its kind are zero.
+        Scale of the function, relative to which its error is stated: its largest absolute
+        value at many samples. There are three exceptions. The components of a vector share
+        the largest of their scales. The scale is at least a small part of the largest scale
+        of the functions with which it is compared, such as all inertias
+        (`function_scales`). If these functions are zero, too, the scale is 1.
     error
         Largest measured error of the stored series, relative to `largest`.
     """

@@ -242,8 +242,8 @@ class LatexEquationOfMotion:
             derivative = self._coefficients.derivative(velocities[k], i)
             acceleration = acceleration + rates[k] * rates[i] * derivative
         acceleration = formula_list.write_indexed(r"\mathbf{A}", link_label, acceleration)
-        # The letter z is that of the zero directions of pairs: z_21 would be ambiguous if
-        # there is a link 21.
+        # The letter b stands for the acceleration in link axes. The letter z is not free:
+        # z_21 is the zero direction of pair 21, and there can also be a link 21.
         acceleration = self._resolve_in_link("b", link, acceleration)
         torque = tensor * acceleration + cross_product(velocity, tensor * velocity)
         return formula_list.write_indexed(r"\mathbf{h}", link_label, torque)

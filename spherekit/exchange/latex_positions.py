@@ -501,13 +501,16 @@ class PositionFormulas:
         )
 
     def _place_by_reference_arc(self, link: int, pair: int, tangent: Expr) -> None:
-        """Write the frame of a link from its axis and reference arc at a pair (joint).
+        """Write formulas for the frame of a link from its reference arc at a pair (joint).
 
-        The reference arc begins at the axis of the pair, and ends at k, the first axis of
-        the link. If the pair has the axis k itself, the reference arc ends at the second
-        axis of the link.
+        The frame consists of unit vectors i, j, k fixed to the link, and k is its first
+        axis. `_write_frame` needs k, another axis of the link, and the tangent at k of the
+        arc to this axis. They follow from the reference arc in one of two ways:
 
-        The frame is written from k and the tangent at k of an arc to some other axis.
+        - If the axis of the pair is k, the reference arc leads from k to the second axis of
+          the link. The given tangent is the tangent at k.
+        - Otherwise the reference arc leads from the axis of the pair to k. The other axis
+          is then the axis of the pair, and the tangent at k points back along the arc.
 
         Parameters
         ----------
@@ -520,13 +523,11 @@ class PositionFormulas:
         pair_axis = self._find_axis(link, pair)
         axis_k = link_axes[0]
         if pair_axis is axis_k:
-            # The reference arc begins at k.
             self._write_frame(
                 link, first_vector=pair_axis.vector, tangent=tangent, axis=link_axes[1]
             )
         else:
-            # The reference arc ends at k, which is not known yet. The tangent at k leads
-            # back to the axis of the pair.
+            # k is not known yet. It is the end of the reference arc.
             length_from_k = pair_axis.arc
             self._write_frame(
                 link,

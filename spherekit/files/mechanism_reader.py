@@ -512,7 +512,8 @@ class _MechanismReader:
         if pose_paths:
             axes: dict[str, Vector] = {}
             for name, item in pairs.items():
-                # None: a contact. The model reports an R pair without an axis.
+                # A contact has no axis. If an R or P pair has none, `Mechanism` raises the
+                # error when it is made.
                 axis = self.axis(name, item)
                 if axis is not None:
                     axes[name] = axis

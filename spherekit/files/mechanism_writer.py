@@ -104,8 +104,13 @@ def _describe_change(line: str, line_read_back: str) -> str:
 def canonical_text(mechanism: Mechanism, angle_unit: AngleUnit) -> str:
     """Return the text of a mechanism file, without checking that it can be read back.
 
-    Texts of equal mechanisms can differ in the order of modes and user data, and in the
-    signs of zeros.
+    `dumps` adds this check. Without it, there is also a text of a mechanism whose file the
+    reader would refuse, for example for `mechanism_hash`.
+
+    The text is made from the mechanism alone. The form of a file from which the mechanism
+    was read, such as comments and the order of keys, has no influence. Nevertheless, the
+    texts of equal mechanisms can differ in the order of modes, in the signs of zeros, and
+    in user data (order of keys, or 1 instead of 1.0).
 
     Raises
     ------

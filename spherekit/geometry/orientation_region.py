@@ -458,9 +458,10 @@ class _OrientationCells:
     def _evaluate_margins(self, boxes: _Boxes) -> Floats:
         """Return the k margins at 31 points of each of n cells.
 
-        Margins are functions of the orientation. Neighbouring cells share points, at which
-        margins are evaluated only once. If the smallest margin of an orientation is larger
-        than at all orientations before, the orientation is stored in `deepest`.
+        A margin is a function of the orientation that is negative where, for example, a
+        limit is exceeded. Neighbouring cells share points, at which margins are evaluated
+        only once. `deepest` stores the orientation with the greatest depth so far. The
+        depth is the smallest margin.
 
         Parameters
         ----------
@@ -581,9 +582,10 @@ def _replace_nan_margins(margins: Floats) -> Floats:
 def _bound_margins(samples: Floats, checks: Floats) -> _MarginRange:
     """Return lower and upper bounds of k margins in each of n cells.
 
-    Margins are functions of the orientation. In a cell each margin is interpolated by a
-    polynomial of degree 2 in each coordinate. The bounds are those of the polynomial,
-    widened by an estimate of the interpolation error.
+    A margin is a function of the orientation that is negative where, for example, a limit
+    is exceeded. In a cell each margin is interpolated by a polynomial of degree 2 in each
+    coordinate. The bounds are those of the polynomial, widened by an estimate of the
+    interpolation error.
 
     Parameters
     ----------

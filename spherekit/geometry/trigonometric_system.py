@@ -599,9 +599,10 @@ def _eliminate(equations: Numbers, incidence: Bools, starts_per_root: int) -> Ro
     incidence
         (t, t) whether an equation (row) contains an angle (column).
     starts_per_root
-        Largest number of starts of Newton's method for each root. Two equations have 2
-        possible starts, and three equations have 4. The starts with the smallest errors of
-        the equations are used.
+        Largest number of starts of Newton's method for each root. Those with the smallest
+        errors of the equations are used. The root gives the first angle, and an equation
+        then gives two values of the next angle. So two equations have 2 possible starts per
+        root. Three equations have 4: two second angles, and two last angles for each.
 
     Returns
     -------
@@ -615,7 +616,7 @@ def _eliminate(equations: Numbers, incidence: Bools, starts_per_root: int) -> Ro
     is_solved = np.all(has_angle, axis=1)
     solved = _solve_at_roots(equations[is_solved], roots[is_solved], starts_per_root)
 
-    # `start_count` is the number of all starts of a system.
+    # `start_count` is the number of starts of a system at all its roots together.
     start_count, angle_count = solved.angles.shape[1:]
     shape = (len(equations), start_count)
     solutions = RootSolutions(

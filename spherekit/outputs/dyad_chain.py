@@ -254,8 +254,10 @@ class DyadChain:
             far_link=far_link,
             near_support=self._other_link(near_pair, near_link),
             far_support=self._other_link(far_pair, far_link),
-            # `dyad_parity`, 1 or -1, is the side of the middle axis in working modes in
-            # which this dyad has the sign 1.
+            # A working mode gives each dyad a sign. It is the sign of the triple product of
+            # the three axes in the order of `group.pairs`. In the order middle, near, far,
+            # the product has this sign times `dyad_parity`. So the side is `dyad_parity` if
+            # the sign is 1.
             positive_mode_side=group.dyad_parity,
             # The angles between the axes at both ends of the near link, and at both ends of
             # the far link.
@@ -278,13 +280,14 @@ class DyadChain:
         return dyad.far_pair, dyad.far_support
 
     def _find_axis_source(self, pair: int, link: int) -> AxisSource:
-        """Return the pair and link that give the axis of a requested pair earliest.
+        """Return the earliest placed link in which a requested axis is fixed, and its pair.
 
-        Links are placed one after another. An outer pair hinges each link to a link placed
-        earlier, its support. If the requested axis is on the axis line of this outer pair,
-        this line is also fixed in the support. The requested axis is then known as soon as
-        the support is placed. The search goes back in this way from link to support. It
-        ends at a link whose outer pair has another axis line.
+        Links are placed one after another. An axis is cheaper to compute from a link that
+        is placed earlier. An outer pair hinges each link to an earlier link, its support.
+        If the requested axis is on the axis line of this outer pair, this line is also
+        fixed in the support. The requested axis is then known as soon as the support is
+        placed. The search goes back in this way from link to support. It ends at a link
+        whose outer pair has another axis line.
 
         Parameters
         ----------

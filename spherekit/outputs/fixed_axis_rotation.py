@@ -488,9 +488,12 @@ def follow_rotation(
 ) -> FollowedRotation:
     """Return the rotation of an output link about a fixed axis.
 
-    The rotation is tracked as far as the mechanism follows it. If the output link cannot
-    turn exactly about the axis, the configurations nearest to the turning target are
-    returned.
+    The angle theta of the rotation grows from 0 to `angle`. If the mechanism cannot go on,
+    the rotation ends earlier, and `FollowedRotation.end` says why.
+
+    The output link may be unable to turn exactly about the axis. At each theta, the result
+    then has the configuration whose output link is nearest to the wanted orientation.
+    `FollowedRotation.exact` tells whether it turns exactly.
 
     Parameters
     ----------
@@ -506,9 +509,11 @@ def follow_rotation(
     output
         Name of the output; may be left out if there is one.
     lead
-        If this angle (in `angle_unit`) is above 0, the given configuration lies before the
-        rotation, at theta = -lead. A path can pass through a singular configuration (the
-        loops do not determine the links there) but cannot begin at one.
+        Angle (in `angle_unit`), 0 or more, by which `values` lies before the start of the
+        rotation: `values` is the configuration at theta = -lead. With a lead, a rotation
+        can start at a singular configuration, in which some links can move while the output
+        link is at rest. Tracking can pass through such a configuration, but cannot begin at
+        one.
     angle_unit
         Unit of `angle` and `lead`, ``"rad"`` or ``"deg"``. The result is in rad.
 

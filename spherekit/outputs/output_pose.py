@@ -301,9 +301,10 @@ class PoseFinder:
             with three R pairs, and its sign is one of two ways to assemble it.
         """
         output_link = OutputLink.from_output(self.mechanism, self.output)
-        # Only the orientations and measures are read, which do not depend on the target (1,
-        # 3, 3).
-        deviation = output_link.compare(values, np.eye(3)[None])
+        # `compare` needs a target orientation (1, 3, 3). Only results that do not depend on
+        # the target are used here, so any orientation will do.
+        any_target = np.eye(3)[None]
+        deviation = output_link.compare(values, any_target)
         conditioning = np.minimum(
             deviation.output_singular_value, deviation.loop_conditioning
         )
@@ -595,10 +596,10 @@ class PoseFinder:
         fixed axis. It is followed numerically, step by step.
 
         In a mid-plane symmetric architecture, the output link is a mirror image of the base
-        in a plane, the mid-plane. If it stays one during the whole rotation, formulas give
-        every configuration, and the start may be singular. This is the case if the axis
-        lies in the mid-plane at the start. In all other cases the start must not be
-        singular.
+        in a plane, the mid-plane. If it stays one during the whole rotation, the start may
+        be singular, because formulas give a configuration shortly before it. This is the
+        case if the axis lies in the mid-plane at the start. In all other cases the start
+        must not be singular.
 
         Parameters
         ----------
@@ -692,8 +693,10 @@ def _rotate_in_mid_plane(
 ) -> FollowedRotation | None:
     """Return the rotation about an axis in the mid-plane, None if the axis is elsewhere.
 
+    The result has the configurations of the whole mechanism while the output link rotates.
     Base and output link mirror each other in the mid-plane. If the axis is in this plane,
-    all poses of the rotation are such mirror images, and a closed form applies.
+    all poses of the rotation are such mirror images. The start may then be singular,
+    because formulas give a configuration shortly before it.
 
     Parameters
     ----------
@@ -707,13 +710,15 @@ def _rotate_in_mid_plane(
     end
         Axis and angle of the rotation. The axis is in the axes of the base.
     """
-    # The normal is in mirror axes, a second set of axes fixed to the base. The rotation
-    # `frame` leads from mirror axes to the axes of the base.
+    # The normal is in mirror axes. These are a second set of axes fixed to the base, in
+    # which the formulas are simplest.
     normals, _deviation = architecture.normals(start_orientation[None])
     start_normal = normals[0]
     axis = unit(end.axis)
+    # The rotation `frame` leads from mirror axes to the axes of the base.
+    normal_in_base_axes = start_normal @ architecture.frame.T
     # The sine of the angle between the axis and the mid-plane.
-    axis_sine = abs(start_normal @ architecture.frame.T @ axis)
+    axis_sine = abs(normal_in_base_axes @ axis)
     if not axis_sine < IN_PLANE_RAD:
         return None
     return architecture.rotation_about(start_normal, axis, end.angle, signs)
@@ -727,8 +732,10 @@ def _rotate_to_mirror_image(
 ) -> FollowedRotation | None:
     """Return the rotation to a mirror image of the base, None if the end is no such image.
 
+    The result has the configurations of the whole mechanism while the output link rotates.
     At the start, the output link is the mirror image of the base in a plane. If the output
-    link is a mirror image at the end as well, a closed form applies.
+    link is a mirror image at the end as well, the start may be singular, because formulas
+    give a configuration shortly before it.
 
     Parameters
     ----------

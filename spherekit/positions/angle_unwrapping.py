@@ -82,7 +82,7 @@ class RevolutionSteps(NamedTuple):
 
 
 class PeriodicInputs(NamedTuple):
-    """Inputs written as a number of whole periods, plus the rest.
+    """Inputs written as a number of whole periods, plus a remainder.
 
     A period is a growth of the input after which the configurations repeat.
 
@@ -101,8 +101,9 @@ class PeriodicInputs(NamedTuple):
 class CurveDistance(NamedTuple):
     """Differences between the angles of n configurations and those of a followed curve.
 
-    The curve is compared at the same input. Angles are known up to full revolutions, so
-    each difference is divided into whole revolutions and a rest.
+    Each configuration is compared with the point of the curve at the same input. Angles are
+    known up to full revolutions, so each difference is divided into whole revolutions and a
+    remainder. A large remainder shows that the configuration is not on the curve.
 
     Attributes
     ----------
@@ -110,7 +111,7 @@ class CurveDistance(NamedTuple):
         (n, angles) whole revolutions nearest to the difference: the angle of the curve less
         that of the configuration.
     deviation
-        (n,) largest rest (rad) of the angles of a configuration.
+        (n,) largest absolute remainder (rad) among the angles of a configuration.
     """
 
     revolutions: Floats

@@ -203,7 +203,11 @@ def monotone_pieces(
 def _find_points_at_input(
     curve: ArcCurve, driven: int, q: float, period: float
 ) -> list[Piece]:
-    """Return the points of a curve at an input as pieces without length.
+    """Return the points of a curve at an input, each as a piece without length.
+
+    `monotone_pieces` returns them if the range of the input is a single value. The input on
+    the curve can differ from `q` by whole periods. This difference is the `shift` of the
+    piece.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ class TriedSteps(Generic[Node]):
         The points at which the steps end.
     is_verified
         (k,) whether the step passed all tests of `Verification`: the prediction is nearly
-        right, and equations and tangent change little.
+        right, and the Jacobian and the tangent of the curve change little.
     changes
         (k,) changes of the Jacobian of the curve in the step, as fractions of a change that
         could make it singular. The length of the next step follows from these numbers.

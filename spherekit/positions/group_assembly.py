@@ -367,11 +367,14 @@ def place_group(state: AssemblyState, group: Group, start: Floats) -> Linearisat
     group
         The bodies, and the pairs between them.
     start
-        (n, variables of the group) values (rad) from which Newton's method starts.
+        (n, variables of the group) values (rad) from which Newton's method starts, at n
+        samples (choices of the inputs).
 
     Returns
     -------
-    The closure of the group at the last values. The caller checks whether it is closed.
+    The loop equations of the group, linearised at the values after the last step of
+    Newton's method. The method may fail. The caller must test by the `closure_residual` of
+    the result whether the loops are closed.
     """
     linearisation = group_closure(state, group).solve(start)
     state.merge(group, linearisation.rotations)

@@ -56,7 +56,7 @@ REFERENCE_ONLY = Completeness(Guarantee.COMPONENT, "the mode of the reference po
 
 
 class SolutionNumbers:
-    """Numbers the solutions that a search from random starts can reach.
+    """Gives a number to each solution that a search from random starts can reach.
 
     The search counts how often it reaches each solution, and ends if each was reached often
     enough. A solution is one of these:
@@ -85,9 +85,10 @@ class SolutionNumbers:
     def number_nodes(self, is_solution: Bools) -> None:
         """Number single configurations as solutions of the search for assembly modes.
 
-        A node of the graph is one configuration at one sample. `is_solution` (nodes,) says
-        which nodes are solutions. Other nodes get -1. The method is called before sheets
-        (sets of configurations reached from one start) are followed.
+        A node of the graph is one configuration at one sample. `is_solution` (nodes,) is
+        true for nodes at the samples that are searched. The search cannot reach the other
+        nodes, so they get -1. The method is called before sheets (sets of configurations
+        reached from one start) are followed.
         """
         self.count = int(np.sum(is_solution))
         self._solution_of_node = np.full(len(is_solution), -1, dtype=np.intp)
@@ -96,10 +97,9 @@ class SolutionNumbers:
     def number_sheet(self, node_count: int) -> None:
         """Give the nodes of a new sheet the next solution number.
 
-        A sheet is the set of configurations that are reached from one solution. Each
-        configuration is a node of the graph. The new nodes are those added since the last
-        call. Nodes of earlier sheets keep their number. `node_count` is the number of all
-        nodes.
+        A sheet is the set of configurations that verified steps reach from one start. Each
+        configuration is a node of the graph. The new nodes are those that have no number
+        yet. All other nodes keep their number. `node_count` is the number of all nodes.
         """
         new_count = node_count - len(self._solution_of_node)
         self._solution_of_node = np.append(
@@ -167,12 +167,14 @@ class SampledModes:
         solver, input_grid
             The mechanism, and the samples of its inputs.
         search
-            Whether to search for modes other than that of the reference pose.
+            Whether to search for modes other than that of the reference pose (the
+            configuration in the file). If the mode of the reference pose is not found, the
+            other modes are searched in any case.
         shares_numbers
-            Whether modes on separate parts of a path of samples count as one mode if all
-            their groups of links have equal signs. A dyad (two links) has the sign of the
-            determinant of its three axes, another group the sign of the determinant of its
-            velocity equations. Sharing gives fewer modes.
+            Whether some modes share one number, and so become one mode. These are modes on
+            separate parts of a path of samples whose groups of links have equal signs. A
+            dyad (two links) has the sign of the determinant of its three axes, another
+            group the sign of the determinant of its velocity equations.
         """
         self.solver = solver
         self.input_grid = input_grid
@@ -190,17 +192,17 @@ class SampledModes:
         self._solutions = SolutionNumbers()
         self._progress = ProgressReporter("searching assembly modes")
 
-        # A node of the graph that belongs to the mode of the reference pose (configuration
-        # in the file). None if this pose reaches no sample.
+        # A node of the graph that belongs to the mode of the reference pose. None if this
+        # mode is not found, for example because the pose reaches no sample.
         if search:
             reference_node = self._search_all()
         else:
-            # Only the reference pose is followed. The configurations at the samples were
-            # not computed before (enumerated).
+            # Only the reference pose is followed. `is_enumerated` says whether all
+            # configurations at the samples were computed before.
             reference_node = self._reach_reference(is_enumerated=False)
             if reference_node is None:
-                # Without a mode of the reference pose, the search continues for any other
-                # mode.
+                # Now there is no mode at all. So other modes are searched although `search`
+                # is false.
                 self._search_other_modes()
         self.assembly_modes = self._collect_modes(reference_node, shares_numbers)
 
@@ -222,7 +224,7 @@ class SampledModes:
         return reference_node
 
     def _search_other_modes(self) -> None:
-        """Search modes after the reference pose has reached no sample."""
+        """Search modes after the mode of the reference pose was not found."""
         if self._can_enumerate:
             self._enumerate()  # sets `claim`
         else:

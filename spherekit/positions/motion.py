@@ -291,8 +291,9 @@ class Motion(ArrayRows):
     def orientation_error(self) -> Floats:
         """(n,) bounds (rad) of the errors of link orientations.
 
-        The errors of all variables between the ground and a link add up. An arc length of a
-        contact can turn a link by more than itself, by the length of its velocity vector.
+        The errors of all variables between the ground and a link add up. The error of an
+        arc length of a contact is multiplied by the length of its velocity vector: this is
+        the angle by which a link turns per unit of arc length, which can be more than 1.
         """
         error = self.configuration_error * self.linearisation.tree.longest_path
         if self.mechanism.has_contacts:

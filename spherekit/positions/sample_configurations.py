@@ -341,6 +341,7 @@ def _place_wheel_train(
     return GroupPlacement(
         state=state.rows(parent),
         parent=parent,
+        # No configuration is missing at any old row, as the train has only one.
         is_complete=np.ones(len(q), dtype=bool),
     )
 

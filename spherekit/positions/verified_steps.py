@@ -99,7 +99,7 @@ class Verification:
         return is_near & contracts
 
     def accepts_change(self, change: Floats, cosine: Floats | float = 1.0) -> Bools:
-        """Return a mask (n,) of the steps in which equations and tangents changed little.
+        """Return a mask (n,) of the steps in which Jacobian and tangent changed little.
 
         Large changes are a sign that the step has left its path.
 

@@ -755,14 +755,19 @@ class _InputVariableRange:
 class _CurveSearchResult:
     """What a search for configuration curves over the whole range has found.
 
+    The search divides the space of all variables into boxes. A box is decided if it is
+    proven to be empty, if a known curve covers it, or if it is at a place where curves
+    cross or nearly do.
+
     Attributes
     ----------
     search
-        The search, which has all curves.
+        The search, which has the curves that were found.
     box_count
         Number of boxes that were examined.
     undecided_boxes
-        Boxes of configuration space that may contain configurations not on these curves.
+        The boxes that are not decided. They may contain configurations that are on none of
+        the curves.
     """
 
     search: CurveSearch

@@ -513,17 +513,20 @@ class CurveSearch:
         return piece
 
     def _touches_saddle_inside(self, chain: Chain) -> bool:
-        """Return whether a curve may touch a saddle other than on the arms at its ends.
+        """Return whether a curve may enter the box of a saddle other than at its ends.
 
-        A saddle is a place where configuration curves cross or nearly do. An arm is one of
-        the four branches that leave it. A known curve, a chain of arcs, begins and ends on
-        arms and must not pass through a saddle. So the arcs at each end that are on the arm
-        there are allowed. All other arcs must be outside the boxes of saddles.
+        A saddle is a place where configuration curves cross or nearly do. It has a box and
+        four arms, the branches of curves that lead from it out of the box. A known curve is
+        a chain of arcs. It may begin or end on an arm, but must not pass through a saddle.
+
+        So the arcs on the arm at an end of the chain may be in the box of its saddle. All
+        other arcs must be outside the boxes of saddles.
         """
         pieces = chain.pieces
         arms = [self.crossings.arm(piece) for piece in pieces]
-        # The arms at both ends. None, with the count 0 below, for an end on no arm.
+        # The arms at both ends, None for an end on no arm. A closed chain has no ends.
         first_arm, last_arm = self.crossings.chain_ends(pieces, chain.closed)
+        # Numbers of arcs on these arms, 0 if there is no arm.
         first_count = _count_leading_arcs(arms, first_arm)
         last_count = _count_leading_arcs(arms[::-1], last_arm)
         # If all arcs are on one arm, both counts include them, and no arc remains.
@@ -551,7 +554,8 @@ def _count_leading_arcs(arms: Sequence[Arm | None], end_arm: Arm | None) -> int:
     """Return how many arcs at one end of a chain are on the arm of this end.
 
     A chain is a configuration curve as a row of arcs. An arm is one of the branches of
-    curves that leave a saddle, a place where curves cross or nearly do.
+    curves that leave a saddle, a place where curves cross or nearly do. The counted arcs
+    may be at a saddle. The caller tests that all other arcs are away from saddles.
 
     Parameters
     ----------

@@ -333,16 +333,21 @@ class DecimalGeometry:
         table = self.pair_table(pair.name)
         if "phase" in table:
             # The file has no key `start`. The file reader computed both arc lengths in
-            # float64 from the phase.
+            # float64 from the phase (the angles of both shafts in one configuration). If a
+            # shaft is driven, the file reader rolled the wheels until its angle was 0.
             turn = 360.0 if self.in_degrees else TURN
             turns = max(map(abs, table["phase"].values())) / turn
             # A great circle has no radius.
             radii = [profile.radius or math.pi / 2 for profile in pair.profiles or ()]
             sines = np.sin(radii)
-            error = PHASE_ERROR_RAD * max(1.0, turns * float(np.max(sines) / np.min(sines)))
+            # The circumference of a circle is 2 pi times the sine of its radius. So while
+            # the wheel with the longer circle makes one turn, the other wheel makes
+            # `largest_ratio` turns. Rounding errors grow with the number of turns.
+            largest_ratio = float(np.max(sines) / np.min(sines))
+            error = PHASE_ERROR_RAD * max(1.0, turns * largest_ratio)
             return np.array([widen(length, error) for length in pair.start])
         starts = table.get("start", (0.0, 0.0))
-        return np.array([self.angle_ball(start, False) for start in starts])
+        return np.array([self.angle_ball(start, has_tolerance=False) for start in starts])
 
     def _axis_direction(self, table: Mapping[str, Any]) -> Vector:
         """Return the unit axis (3,) of a pair in ground axes, from its table in the file.

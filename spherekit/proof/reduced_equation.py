@@ -77,8 +77,11 @@ class SurfaceDerivatives:
     Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
     mechanism in n variables z. Near a crossing of curves, the derivatives F' are nearly
     singular: l F' is nearly 0 for a constant unit vector l. The equations are therefore
-    replaced by F(z) = g l with a new unknown number g. Two coordinates u and v of z are
-    given. The points z for all u and v form a surface, with the configurations at g = 0.
+    replaced by F(z) = g l with a new unknown number g, called the level.
+
+    These n - 1 equations have n + 1 unknowns. If two linear functions u and v of z are
+    given, they determine z and g. So z and g are functions of u and v, and the points z
+    form a surface. The configurations are the points of the surface with g = 0.
 
     Attributes
     ----------
@@ -107,8 +110,11 @@ class SurfaceCurvatures:
     Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
     mechanism in n variables z. Near a crossing of curves, the derivatives F' are nearly
     singular: l F' is nearly 0 for a constant unit vector l. The equations are therefore
-    replaced by F(z) = g l with a new unknown number g. Two coordinates u and v of z are
-    given. The points z for all u and v form a surface, with the configurations at g = 0.
+    replaced by F(z) = g l with a new unknown number g, called the level.
+
+    These n - 1 equations have n + 1 unknowns. If two linear functions u and v of z are
+    given, they determine z and g. So z and g are functions of u and v, and the points z
+    form a surface. The configurations are the points of the surface with g = 0.
 
     Attributes
     ----------

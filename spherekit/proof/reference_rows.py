@@ -81,7 +81,7 @@ class ExactRows:
         (n, links, 3) balls, angular velocities relative to the ground.
     dw, ddw
         (n, links, 3) balls, their first and second derivative with respect to the input.
-        None if the order does not include them.
+        None if the argument `order` of `exact_rows` did not ask for them.
     distance
         (n,) largest change (rad) of a variable from the row to the solution.
     residual
@@ -120,7 +120,7 @@ class ExactRows:
         Raises
         ------
         ValueError
-            If the rows were computed with order 1, without derivatives.
+            If the rows were computed with `order=1`, without derivatives.
         """
         if self.dw is None:
             raise ValueError("this needs rows of order 2 or 3")
@@ -369,7 +369,8 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
     Parameters
     ----------
     reference
-        The reference rows. They need derivatives of the angular velocities (order 2 or 3).
+        The reference rows. They must have `dw`, the derivatives of the angular velocities.
+        `exact_rows` computes it if its argument `order` is 2 or 3.
     pole
         Indices of the two links.
     toward
@@ -385,7 +386,7 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
     Raises
     ------
     ValueError
-        If the rows have no derivatives (order 1).
+        If the rows have no `dw`, because they were computed with `order=1`.
     """
     with reference.arithmetic.within(), np.errstate(all="ignore"):
         # Reading `slopes` raises the ValueError, also for poles that do not need it.
@@ -570,7 +571,7 @@ def exact_field(reference: ExactRows, request: Request, field: PoleField) -> Pol
     Parameters
     ----------
     reference
-        Reference rows, of order 2 at least, for the input that the request moves.
+        Reference rows with `dw`, for the input that the request moves.
     request
         Which poles the field has.
     field

@@ -125,8 +125,8 @@ class Saddle(OrientedBox):
     gap
         Upper bound (rad) of the distance between the curves where they miss each other.
     central_zone
-        (variables,) largest distance (rad) of each variable from the centre in the zone in
-        which the arms bend, so that the signs of rates do not apply.
+        (variables,) half width (rad), in each variable, of the zone about the centre in
+        which the arms bend. The signs of rates do not apply in this zone.
     outward_signs
         For each quadrant (variables,) the sign of the rate of each variable on the arm
         outside the central zone, in the direction away from the saddle; 0 if it is not
@@ -379,8 +379,12 @@ def _make_saddle(
     """Return a saddle with the attributes of a box and the further attributes below.
 
     At a saddle two configuration curves cross or narrowly miss each other. The curves are
-    the zeros of a function g(u, v) with a saddle point, and leave the box by four branches,
-    the arms.
+    the zeros of a function g(u, v) with a saddle point. Four branches of the curves, the
+    arms, lead from the saddle out of the box, one in each quadrant of u and v.
+
+    Curves that miss each other bend from one arm to another. The central zone is the zone
+    about the saddle in which they bend. Outside this zone, the arms are straight up to
+    small errors.
 
     Parameters
     ----------
@@ -393,11 +397,12 @@ def _make_saddle(
         Upper bound (rad) of the distance between the curves where they miss each other, 0
         if they cross.
     central_zone
-        (variables,) largest difference (rad) of each variable from its value at the centre,
-        in the zone in which curves that miss each other bend from one arm to another.
+        (variables,) half width (rad) of the central zone in each variable: the largest
+        difference from its value at the centre. It is 0 if `level_sign` is 0.
     arm_rates
-        Signs of the rates of all variables along the arms, away from the saddle
-        (`outward_signs`), and the largest change (rad) of each variable on them (`reach`).
+        For each arm, the sign of the rate of each variable in the direction away from the
+        saddle (`outward_signs`). Also for each arm, the largest change (rad) of each
+        variable on it (`reach`).
     is_monotonic
         (variables,) whether it is proven that a variable is not stationary in the central
         zone. A variable is stationary where its rate along the curve is 0.

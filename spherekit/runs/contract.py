@@ -203,8 +203,10 @@ class AbstractAnalysis(ABC):
         """Return the figures of merit by which designs are compared; none by default.
 
         A figure of merit is one number for each design (choice of sizes) and assembly mode.
-        It is computed from quantities of `spherekit.plugin.designs.row_quantities`. With
-        ``table="NAME.TABLE"`` it is computed from the columns of a table of this analysis.
+        A `FigureOfMerit` has an expression, and says how the values of this expression in
+        all rows become one number, for example the largest. The expression contains
+        quantities of `spherekit.plugin.designs.row_quantities`. If `FigureOfMerit.table` is
+        ``"ANALYSIS.TABLE"``, a table of this analysis, it contains columns of this table.
         """
         return ()
 

@@ -399,13 +399,14 @@ def _compare_at_gaps(rows: Indices, gap_lists: Sequence[ReversalGaps]) -> Compar
 
     A pole (axis of the relative rotation of two links) is a line, so its computed direction
     may reverse from row to row. Two rows between which this is possible are called a gap.
-    Directions are compared at both ends of each gap, and at the first and the last row of
-    the mode.
+    To find the reversals, `continue_signs` compares the rows at both ends of each gap. The
+    first row of the mode is added because the signs begin there. The last row is added
+    because the signs of the next block of samples continue from there.
 
     Parameters
     ----------
     rows
-        (n,) the successive rows (samples) of an assembly mode.
+        (n,) the successive rows (samples) of an assembly mode in a block.
     gap_lists
         The gaps. They can overlap, because the two rows of a gap need not be neighbours.
     """

@@ -195,8 +195,8 @@ def _find_unsuitable_rows(values: Array, kind: str) -> Indices:
     """Return the indices of values (n,) that cannot be converted to the kind of a column.
 
     The kinds are ``number`` (float), ``integer``, ``text`` and ``status`` (a whole number).
-    Texts may also be Python objects. Floats without a fraction are accepted as whole
-    numbers.
+    Texts may also be Python objects, but numbers may not. Floats without a fraction are
+    accepted as whole numbers.
     """
     # NumPy's letters are f, i, u and b for floats, signed and unsigned integers and
     # booleans, and U for texts.
@@ -206,8 +206,10 @@ def _find_unsuitable_rows(values: Array, kind: str) -> Indices:
             return np.zeros(0, np.intp)
         return np.flatnonzero([not isinstance(text, str) for text in values])
     if type_letter not in "fiub":
-        # Arrays of objects are refused. The rows of values that are no numbers are returned
-        # or, if all values are numbers, all rows.
+        # The array does not have a type of numbers, so it is refused. It can be an array of
+        # objects, which NumPy makes of [1.0, None], but also of [10**30]. The rows of
+        # values that are no numbers are returned. If all values are numbers, all rows are
+        # returned.
         is_other = [not isinstance(value, int | float) for value in values]
         return np.flatnonzero(is_other if any(is_other) else np.ones(len(values), bool))
     if kind == "number" or type_letter == "b":

@@ -61,24 +61,27 @@ class TradeOptions:
     """Options of `spherekit.trade` that no other function shares.
 
     The function measures how much accuracy a run trades for speed: the time and the error
-    of each setting. A setting is one way to compute the run, such as an engine.
+    of each setting. A setting is one way to compute the run, such as an engine. Most fields
+    of a `Study` (a mechanism with its motion) are options of the function, too.
 
     Attributes
     ----------
+    excluded_study_fields
+        Names of fields of a `Study` that are no options of this function.
     settings
         Settings to measure. By default they are all settings of a simulation if the run is
         one, otherwise all settings with which velocities at samples are computed.
     checked
-        Largest number of samples at which errors are measured, before samples are added at
-        peaks of the error bounds. By default there are two limits: one for the number of
-        samples, and one for the number of rows in all assembly modes.
+        Largest number of samples, spread over the run, at which errors are measured. More
+        samples can be added where large errors are expected: at peaks of the error bounds
+        of poles (axes of relative rotation). By default there are two limits: one for the
+        number of samples, and one for the number of rows in all assembly modes.
     rounds
         Number of times that each setting is run. Each round has another order.
     budget
         Time (s) after which no further round begins.
     """
 
-    # The fields of a `Study` are options of `spherekit.trade`, too, except for these three.
     # Each setting has its own tolerance. `verify` and `degrees` concern the tables of a
     # run, which a trade does not have.
     excluded_study_fields = ("tolerance", "verify", "degrees")

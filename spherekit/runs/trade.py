@@ -467,9 +467,11 @@ def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement
     Parameters
     ----------
     run_plan
-        The measured run, with one analysis. It may have fewer samples than the user's run.
+        The measured run, with one analysis. Errors were measured at its samples, which can
+        be fewer than the samples of the user's run.
     study
-        The study of the user's run, for which a setting is sought.
+        The user's run: the mechanism, all samples and the analyses. A setting is sought for
+        this run.
     measurement
         The settings with their times and errors, and the reference.
     """
@@ -490,8 +492,10 @@ def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement
     return Trade(
         mechanism=run_plan.mechanism.name,
         analysis=analysis.name,
+        # Number of samples of the user's run, and number at which errors were measured.
         samples=study.count,
         checked=len(sampling),
+        # Number of configurations at the latter.
         rows=len(sampling) * len(sampling.position_analysis.assembly_modes),
         reference=measurement.reference,
         floor=measurement.floor,  # error of the reference values

@@ -480,9 +480,10 @@ class _PieceEnds(ArrayRows):
     s
         (k,) arc lengths (rad) of the ends.
     inward_s
-        (k,) arc length (rad) of a comparison point inside the piece, near each end. An end
-        counts as a minimum of a function that is not smaller at this point. The distance
-        is the part `INWARD_PART` of the length of the piece.
+        (k,) arc length (rad) of a comparison point for each end. The point is inside the
+        piece. Its distance from the end is the part `INWARD_PART` of the length of the
+        piece. The end counts as a minimum if the function has the same or a larger value at
+        the comparison point.
     q
         (k,) inputs (rad) of the ends. Whole periods are added to bring them into the range
         of the input.
@@ -615,9 +616,9 @@ def _find_piece_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
     # Arc lengths along the curve (rad), one for each piece.
     starts = np.array([piece.start for piece in pieces], dtype=float)
     stops = np.array([piece.stop for piece in pieces], dtype=float)
-    # A point inside the piece, close to each end. An end is a minimum of a function if the
-    # function is not smaller at this point.
-    # A simulation can pass many laps of a closed curve.
+    # For each end a comparison point inside the piece, close to the end. The end counts as
+    # a minimum if the function has the same or a larger value at this point.
+    # A simulation can pass many laps of a closed curve. One lap then counts as the length.
     lengths = np.minimum(stops - starts, sampled.curves[number].length)
     inward_distances = INWARD_PART * lengths
     # One row (start, stop) for each piece, then all rows one after another.

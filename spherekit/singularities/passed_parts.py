@@ -275,22 +275,28 @@ def continue_over_laps(
     """Return the arc lengths of rows on a closed curve, continued from lap to lap.
 
     The rows are successive samples of a motion on a closed curve of configurations. Their
-    arc lengths are known within one lap. The input changes by `rise` in each lap, which
-    tells the number of laps. If the input only swings, rows are taken to be at most half a
-    lap apart.
+    arc lengths begin again in each lap. To make them continuous, the length of the
+    curve is added for each whole lap since the first one.
+
+    - If the input changes by `rise` in each lap, this change tells the number of laps.
+    - If the input returns in each lap, successive rows are taken to be at most half a lap
+      apart.
 
     Parameters
     ----------
-    s, changes_in_laps
-        (n,) arc lengths within one lap, and changes of the input in the whole laps before
-        each row (rad).
+    s
+        (n,) arc lengths (rad) within one lap.
+    changes_in_laps
+        (n,) changes of the input (rad) in the whole laps before each row. They are
+        multiples of `rise`, except for rounding. They are not used if `rise` is 0.
     length
         Length of the curve (rad).
     rise
-        Change of the input in one lap (rad); 0 if the input only swings.
+        Change of the input in one lap (rad); 0 if the input returns in each lap.
     """
     if rise != 0.0:
         return s + length * np.round(changes_in_laps / rise)
+    # If `s` jumps by more than half a lap, another lap has begun.
     steps_in_laps = np.diff(s) / length
     laps_since_first_row = np.append(0.0, np.cumsum(-np.round(steps_in_laps)))
     return s + length * laps_since_first_row

@@ -1042,17 +1042,33 @@ def _triple_products(axes: Floats) -> Floats:
 
 
 def _describe_self_motion(motion: Motion, output: OutputStationary) -> str:
-    """Return which links move while inputs and output rest, for a motion of one row."""
+    """Return as text which links move in a self-motion.
+
+    In a self-motion, other links move while inputs and output rest. The text is reported as
+    the cause of this singularity.
+
+    Parameters
+    ----------
+    motion
+        One row, which was classified as a self-motion.
+    output
+        The condition that the output rests.
+    """
     linearisation = motion.linearisation
-    input_rows = np.eye(motion.values.shape[1])[_input_variables(motion)]
+    # Rates of the variables are a self-motion if three products vanish: those with the
+    # Jacobian (the loops stay closed), with `input_equations` (the inputs rest), and with
+    # the equations of the output.
+    variable_count = motion.values.shape[1]
+    input_equations = np.eye(variable_count)[_input_variables(motion)]
     equations = np.concatenate(
-        [linearisation.jacobian[0], input_rows, output.equations(linearisation)[0]]
+        [linearisation.jacobian[0], input_equations, output.equations(linearisation)[0]]
     )
-    # The last right singular vectors solve the equations: the rates of the self-motions.
-    _, values, right = np.linalg.svd(equations)
-    rank = np.sum(values > SINGULAR_TRANSMISSION)
-    # At least one vector, if the smallest singular value is just above the limit.
-    self_motions = right[min(rank, len(right) - 1) :]
+    # The last right singular vectors solve the equations.
+    _, singular_values, right_vectors = np.linalg.svd(equations)
+    rank = np.sum(singular_values > SINGULAR_TRANSMISSION)
+    # Other measures have shown that there is a self-motion. So at least the last vector is
+    # taken, even if its singular value is just above the limit.
+    self_motions = right_vectors[min(rank, len(right_vectors) - 1) :]
     link_rates = [linearisation.body_rates(rates[None])[0] for rates in self_motions]
     speeds = np.linalg.norm(link_rates, axis=(0, 2))
     moving_links = np.array(motion.mechanism.links)[speeds > VANISHING_SIZE]

@@ -507,17 +507,20 @@ def _continue_along_path(
     path: VelocityPath,
     may_reverse: Bools,
 ) -> Floats:
-    """Return the continuous signs (k,) of a pole direction along a path of samples.
+    """Return signs (k,) that make a pole direction continuous along a path of samples.
 
-    A pole is the axis of the relative rotation of two links. The sign of its direction
-    changes where the relative angular velocity v passes through zero and reverses. Long
-    motions are computed in blocks of samples. The first sign of a block follows in the same
-    way from the last sample of the previous block.
+    A pole is the axis of the relative rotation of two links. Its computed direction points
+    to the side of the relative angular velocity v. Where v passes through zero and
+    reverses, the computed direction reverses too. From there on, the direction is
+    multiplied by the opposite sign, so that it continues without a jump.
+
+    Long motions are computed in blocks of samples. The first sign of a block follows in the
+    same way from the last sample of the previous block.
 
     Parameters
     ----------
     sign_continuation
-        Last samples of the previous block, updated in place.
+        Last samples of the previous block. The last sample of this pole is replaced.
     key
         Three numbers: the number of the assembly mode and the indices of the two links.
     start_sign
@@ -528,6 +531,7 @@ def _continue_along_path(
         (k - 1,) whether v may reverse between a sample and the next one.
     """
     first_sign = start_sign
+    # The last sample of the previous block, or None.
     last_sample = sign_continuation.last.get(key)
     if last_sample is not None:
         across_blocks = last_sample.path.followed_by(path.selection([0]))
@@ -537,8 +541,8 @@ def _continue_along_path(
     sign_changes = np.ones(len(may_reverse))
     if np.any(may_reverse):
         sign_changes = np.where(may_reverse, _sign_changes(path), 1.0)
-    # The sign of each sample is the sign of the sample before, times the change in
-    # between.
+    # The sign of each sample is the sign of the previous sample, times the factor between
+    # both: -1 if v reverses, otherwise 1.
     signs = np.cumprod(np.append(first_sign, sign_changes))
     sign_continuation.last[key] = LastSample(path.selection([-1]), float(signs[-1]))
     return signs

@@ -319,12 +319,16 @@ class GroupEquations:
     ) -> dict[EquationChoice, Floats]:
         """Return the directions (3,) of the components of a loop's velocity equation.
 
-        The equation is a sum of vectors times rates. If two variables of the loop occur in
-        no other loop (private variables), there is one direction, perpendicular to their
-        vectors. The component along this direction does not contain the two rates. If the
-        loop has no private variables, there is one direction along the vector of each
-        variable. The directions turn with the mechanism, so components usually remain
-        independent as the mechanism moves.
+        The equation is a sum of vectors times rates. Its component along a direction is a
+        scalar equation. Independent ones of these scalar equations are chosen later, so
+        there may be more directions than the three that can be independent.
+
+        If two variables of the loop occur in no other loop (private variables), there is
+        one direction, perpendicular to their vectors. The component along this direction
+        does not contain the two rates, which are computed afterwards. If the loop has no
+        private variables, the vector of each of its variables is a direction. All
+        directions turn with the mechanism. Components that are independent in one
+        configuration therefore usually remain independent.
 
         Parameters
         ----------

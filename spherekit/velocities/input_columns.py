@@ -353,22 +353,30 @@ class InputColumns:
         return link_errors, variable_errors
 
     def _add_columns(self, columns: ColumnList) -> None:
-        """Add the columns of all poles and links to the output of the compiled function.
+        """Add the expressions of all poles and links as columns of a compiled function.
 
-        A pole is the axis of the relative rotation of two links. The method sets the
-        attributes `column_indices`, `reversible_poles` and `velocity_components`.
+        A pole is the axis of the relative rotation of two links. The function (kernel)
+        evaluates many configurations at once. A column is one of its outputs, such as a
+        component of an angular velocity, with one number for each configuration. The method
+        sets the attributes `column_indices`, `reversible_poles` and `velocity_components`.
+
+        Parameters
+        ----------
+        columns
+            The expressions of all columns of the function, to which new ones are added.
         """
         # Expressions whose columns can be shared, and expressions that change their sign if
         # the direction of their pole is reversed.
         shared_parts, reversible_parts = self._collect_parts()
-        # For each quantity, the indices of the columns of each pole or link.
+        # For each quantity, the indices of the columns of each pole or link. `FIELD_PARTS`
+        # are the names of the quantities.
         self.column_indices: dict[str, dict[Any, list[int]]] = {
             name: {} for name in FIELD_PARTS
         }
         self._add_reversible_columns(columns, reversible_parts)
         # All other columns. Equal expressions share one column.
-        for (name, pole_or_link), items in shared_parts.items():
-            self.column_indices[name][pole_or_link] = columns.add_shared(items)
+        for (name, pole_or_link), expressions in shared_parts.items():
+            self.column_indices[name][pole_or_link] = columns.add_shared(expressions)
 
         # A second list has only the components of the angular velocities of links. The list
         # is faster to evaluate than all columns. Equal components share one entry.
@@ -381,10 +389,12 @@ class InputColumns:
     def _collect_parts(
         self,
     ) -> tuple[dict[tuple[str, Any], Iterable[Expr]], dict[Pole, list[Expr]]]:
-        """Return the expressions of all requested poles and links.
+        """Return the expressions of all requested poles and links, in two groups.
 
         A pole is the axis about which two links turn relative to each other. Its direction
-        is known up to its sign, unless it is the axis of a pair (joint).
+        is known up to its sign, unless it is the axis of a pair (joint). The sign is chosen
+        after the expressions were evaluated. The expressions that change with it are
+        therefore a separate group.
 
         Returns
         -------
@@ -415,6 +425,7 @@ class InputColumns:
                 # Both links belong to one body, so they do not move relative to each other.
                 continue
             shared_parts |= {(name, pole): items for name, items in parts.items()}
+        # The angular velocity w of each link, and its derivative dw.
         for link in sorted(self._request.links):
             shared_parts |= {("w", link): self._w[link], ("dw", link): self._dw[link]}
         return shared_parts, reversible_parts

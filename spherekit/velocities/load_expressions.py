@@ -115,10 +115,11 @@ def component_forces(
     divisions. The results are therefore the generalised forces times the determinant.
 
     A component of a load has a magnitude. It acts on the variable of a pair (joint), or on
-    links. Its `moments` are its actions on links: moments, and forces that are converted to
-    moments about the centre of the sphere. A force has an `arm`, the point at which it
-    acts. For a moment `arm` is None. The vector `direction` has components along `axes`,
-    the ground or link axes.
+    links. Its actions on links are listed in `moments`. Each of them is a moment, or a
+    force that acts at the point `arm` of the link. For a moment `arm` is None. The moment
+    or force is the magnitude times the vector `direction`, in ground or link axes (`axes`).
+    This function replaces each force by its moment about the centre of the sphere, because
+    links rotate about the centre.
 
     Parameters
     ----------

@@ -123,7 +123,10 @@ class ColumnFunction:
 
 
 class SingleRowOutputs(NamedTuple):
-    """The outputs of the function for one configuration (row), as expressions or numbers.
+    """The outputs of a kernel's function that evaluates one configuration (row).
+
+    The fields are expressions while the function is made, and numbers when it is evaluated.
+    From the numbers, `RowKernel.evaluate_row` decides whether the row is accurate.
 
     If the variables follow from the inputs by formulas (closed form), all outputs are for
     these variables. Otherwise the function performs a step of Newton's method: `variables`

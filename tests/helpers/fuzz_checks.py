@@ -108,9 +108,10 @@ def _check_seed(seed, tally):
     _, mechanism = random_mechanism(seed)
     fields = {}
     try:
-        # For many links the degrees of freedom are only counted from links and pairs. This
-        # raises a `CountError` before the rank of the velocity equations is examined, which
-        # is slow.
+        # `plan_assembly` counts the degrees of freedom from links and pairs. It raises a
+        # `CountError` if they are not as many as the inputs. `PositionAnalysis` would then
+        # examine the rank of the velocity equations, which is slow for many links. The plan
+        # itself is not needed here.
         if len(mechanism.links) > MOST_LINKS_BY_RANK:
             plan_assembly(mechanism)
         with warnings.catch_warnings():

@@ -752,12 +752,12 @@ def place_on_axes(link, axes, axes_in_common, scales):
     """Return the closure equation of a link on two axes, and its matrix, as dual arrays.
 
     The link is joined to other links by pairs about its two axes. Both axes are also known
-    in one other link, the common link. There the first is u / a, the second is w / b. The
-    numbers a and b are their scales. They are common denominators, so that u, w, a and b
-    are polynomials in the unknowns. No result is divided by them, to stay a polynomial.
+    in one other link, the common link. There they are the fractions u / a and w / b of
+    polynomials in the unknowns. The denominators a and b are called scales. Both results
+    are multiplied by a b, so that they are polynomials too.
 
-    - The equation u . w - a b cos(arc) = 0 says that the arc between both axes is that in
-      the link.
+    - The equation u . w - a b cos(arc) = 0 says that the axes u / a and w / b are as far
+      apart as in the link, where `arc` is between them.
     - The matrix takes vectors in the link to vectors in the common link, times a b.
 
     A dual array (1 + n, rows, columns) has its value first, and then its derivatives by n
@@ -770,8 +770,8 @@ def place_on_axes(link, axes, axes_in_common, scales):
     axes
         Two axes (3,) in the link.
     axes_in_common, scales
-        Two dual columns (1 + n, 3, 1), u and w, and two dual numbers (1 + n, 1, 1), a and
-        b.
+        The numerators u and w, two dual columns (1 + n, 3, 1), and the denominators a and
+        b, two dual numbers (1 + n, 1, 1).
     """
     u, w = axes_in_common
     a, b = scales
@@ -781,7 +781,8 @@ def place_on_axes(link, axes, axes_in_common, scales):
     u_as_row = u.swapaxes(1, 2)
     equation = times(u_as_row, w) - both_scales * (first_axis @ second_axis)
     normal = np.cross(first_axis, second_axis)
-    # Numbers may be complex balls, which have no order; hence the real part.
+    # Numbers may be complex balls (complex numbers with error bounds). These cannot be
+    # compared with 0, but their real parts can.
     need((normal @ normal).real > 0, f"the arc of {link} may be 0 or 180 degrees")
     # Three vectors in the link are a basis: both axes and their vector product. The matrix
     # takes them to the columns a b (u / a), a b (w / b) and a b (u / a) x (w / b).
@@ -1251,21 +1252,31 @@ class Arc:
         return y
 
     def _image_across(self, y, axis_point, axis_points, step):
-        """Return the image of balls of y by Krawczyk's operator, for all s of a range.
+        """Return balls with all solutions of F = 0 in given balls, for a range of s.
 
-        A piece is a straight box about a part of a curve. A point has the coordinate s
-        along the axis of this box and the coordinates y across the axis, in the directions
-        `across`. The image contains all solutions of F = 0 that the balls contain. The
-        image is m + (1 - C F'_y) (y - m) - C F(m), with the middles m of the balls. C is an
-        approximate inverse of the derivatives F'_y by y. F(m) for all s follows from the
-        mean-value theorem: the value at the middle of the range, plus the derivative along
-        the axis times the step of s.
+        A ball is an interval. A piece is a straight box about a part of the curve F = 0. A
+        point of the piece has the coordinate s along the axis of the box. Its coordinates y
+        are across the axis, in the directions `across`.
+
+        The result is the image of the given balls y by Krawczyk's operator,
+        m + (1 - C F'_y) (y - m) - C F(m):
+
+        - m are the middles of the balls y.
+        - F'_y are the derivatives of F by y, and C is an approximate inverse of them.
+        - F(m) must hold for all s of the range. By the mean-value theorem, it is the value
+          at the middle of the range, plus the derivative along the axis times the step of
+          s.
 
         Parameters
         ----------
-        y, axis_point, axis_points, step
-            As in `_narrowed`: balls of y, the middle point of the axis and balls of all its
-            points, and the ball of s relative to the middle.
+        y
+            Balls of the coordinates across the axis.
+        axis_point
+            The point of the axis at the middle of the range of s.
+        axis_points
+            Balls that contain the points of the axis for all s of the range.
+        step
+            Ball of s relative to the middle of the range.
         """
         middle_y = mid(y)
         # The equations return F and its derivatives.

@@ -136,8 +136,9 @@ def axis_side(axis: Axis) -> FrameSide:
 def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) -> Stills:
     """Yield the frame of a chart with its grid lines, and the words at its axes.
 
-    Each item is the name of a part, such as ``frame``, and its data. The caller logs the
-    data once, below the path of the chart in the tree of the viewer rerun.
+    Each item is the name of a part, such as ``frame``, and its data. The caller stores the
+    data once in a recording for the viewer rerun. Data in a recording have paths, like
+    files: the name of a part follows the path of the chart.
 
     Parameters
     ----------
@@ -178,8 +179,9 @@ def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) 
 def draw_colour_scale(low: float, high: float, label: str) -> Stills:
     """Yield a horizontal scale of colours, with numbers below it and a title above it.
 
-    Each item is the name of a part, such as ``bar``, and its data. The caller logs the data
-    once, below the path of the scale in the tree of the viewer rerun.
+    Each item is the name of a part, such as ``bar``, and its data. The caller stores the
+    data once in a recording for the viewer rerun. Data in a recording have paths, like
+    files: the name of a part follows the path of the scale, as in ``scale/bar``.
 
     Parameters
     ----------
@@ -188,10 +190,11 @@ def draw_colour_scale(low: float, high: float, label: str) -> Stills:
     label
         The quantity with its unit.
     """
-    # One unit of the plane is one pixel of the image.
+    # The scale lies in a plane, in which one unit is one pixel of the image.
     scale = colours.heat_colours(np.linspace(0.0, 1.0, round(CHART_WIDTH)))
     yield "bar", rr.Image(np.tile(scale, (COLOUR_SCALE_HEIGHT, 1, 1)))
-    # Only the round numbers at the ticks are used.
+    # The side of a frame supplies the round numbers below the scale, and their places as
+    # fractions of the width. Its title is not used.
     side = frame_side("", (low, high))
     words = [
         (CHART_WIDTH * fraction, SCALE_TICK_DROP, text) for fraction, text in side.ticks

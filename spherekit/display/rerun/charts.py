@@ -211,9 +211,10 @@ class Chart:
     def draw(self, marks: Sequence[InputMarks] = ()) -> Stills:
         """Yield what does not move in the chart: frame, curves or map, and marks.
 
-        Each item is the name of a part, such as ``frame``, and its data. The caller logs
-        the data once, below the path of the chart in the tree of the viewer rerun. The
-        curves have the rows (samples) of all blocks so far.
+        Each item is the name of a part, such as ``frame``, and its data. The caller stores
+        the data once in a recording for the viewer rerun. Data in a recording have paths,
+        like files: the name of a part follows the path of the chart. The curves have the
+        rows (samples) of all blocks so far.
 
         Parameters
         ----------

@@ -565,9 +565,10 @@ def _draw_surface(surface: Surface) -> Stills:
     The three quantities have different ranges, so each axis is scaled by itself to the side
     of the cube. Without triangles the surface is drawn as points.
 
-    Each item is the name of a part, such as ``axes``, and its data. The data are logged
-    once, below the path of the surface in the tree of the viewer rerun. The name
-    `ENTITY_ITSELF` stands for the surface itself.
+    Each item is the name of a part, such as ``axes``, and its data. The data are stored
+    once in a recording for the viewer rerun. Data in a recording have paths, like files:
+    the name of a part follows the path of the surface. The name `ENTITY_ITSELF` stands for
+    the surface itself.
     """
     if not len(surface.vertices):
         return
