@@ -390,8 +390,13 @@ class Eksergian(AbstractAnalysis):
         return _make_findings(summary)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
-        """Return the worse conditioning and the larger torque of two blocks of rows."""
-        # A block without any configuration has no conditioning.
+        """Return the worse conditioning and the larger torque of two findings.
+
+        A run is computed in blocks of samples. The findings of all earlier blocks are
+        joined with those of the next one. The conditioning is the condition number of the
+        equations that close the loops.
+        """
+        # Findings without any configuration have no conditioning.
         summaries = [
             findings.figures
             for findings in (before, now)
@@ -400,8 +405,8 @@ class Eksergian(AbstractAnalysis):
         worst = max(
             summaries, key=lambda summary: summary[LARGEST_CONDITIONING], default={}
         )
-        # The findings of a block have one record of a torque, that of the largest. The
-        # function merges records by name, so both records get the same name.
+        # Both findings have one record, of their largest torque. The function keeps the
+        # larger of two records with the same name, so both get the same name.
         torques = merge_largest_torques(
             {"torque": before.figures["torque"]},
             {"torque": now.figures["torque"]},

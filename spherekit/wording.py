@@ -54,7 +54,10 @@ def choices(word: object, allowed: Collection[str], what: str, most: int = 12) -
 
 
 def counted(number: object, noun: str) -> str:
-    """Return a number with its noun, ``1 row`` or ``2 rows``; grids are ``41x21 rows``."""
+    """Return a number with its noun, such as ``1 row`` or ``2 rows``.
+
+    The number may be a text such as ``41x21`` (the size of a grid): ``41x21 rows``.
+    """
     return f"{number} {noun}{'' if str(number) == '1' else 's'}"
 
 

@@ -91,10 +91,12 @@ def test_angles_of_inputs_are_the_inputs_themselves():
 
 
 def test_angles_on_a_grid_grow_as_along_a_fine_path():
-    """Angles grow from one corner of a grid of two inputs to the other as along a path.
+    """Whole turns of angles are counted right on a coarse grid of two inputs.
 
-    Growth is the angle at the last corner minus that at the first one, with full turns. The
-    path between the corners has 400 samples, close enough for `np.unwrap` to count turns.
+    Angles of a motion are in (-pi, pi], and `continue_angles` adds the whole turns. From
+    the first to the last corner of the grid, an angle must grow as along a fine path
+    between these corners. The path has 400 samples, close enough for `np.unwrap` to count
+    turns.
     """
     five_bar = sk.load("five_bar")
     inputs = tuple(
@@ -104,7 +106,8 @@ def test_angles_on_a_grid_grow_as_along_a_fine_path():
     mechanism = replace(five_bar, inputs=inputs)
     grid = PositionAnalysis(mechanism, samples=(3, 4), grid=True)
     names = sorted(set(grid.mechanism.angles) - set(grid.inputs))
-    # There is no block of samples before this one, so the last angles are empty.
+    # `last` has the angles at the end of the block of samples before. There is no such
+    # block here.
     angles = continue_angles(grid.motion(), names, grid.angle_unwrapping, last={})
     path = np.linspace([0.7, 0.7], [1.1, 2.4], 400)
     fine_motion = PositionAnalysis(mechanism, path=path).motion()
@@ -271,12 +274,15 @@ def test_findings_that_differ_between_blocks_need_a_way_to_join_them():
 @final
 @dataclass(frozen=True, kw_only=True)
 class SampleFreeAnalysis(MinimalAnalysis):
-    """Analysis for tests whose results do not depend on the samples of the run.
+    """An analysis for tests, with results that do not depend on the samples of the run.
 
-    Its table has three rows, and its page for the viewer a series of four values. The runs
-    have another number of samples. Findings and values are arbitrary numbers. `calls` gets
-    an item for each call of `compute`: the number of the first sample. So tests see that
-    the analysis is called once, and not for every block of samples.
+    A run computes its samples in blocks. It must call such an analysis once, and not for
+    every block. To show this, `calls` gets an item for each call of `compute`: the number
+    of the first sample.
+
+    All results are arbitrary numbers. The table has three rows, and the page for the viewer
+    a series of four values. The runs have more samples than these, so that tests see
+    results whose length is not that of the samples.
     """
 
     name: ClassVar = "apart"

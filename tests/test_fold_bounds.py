@@ -165,14 +165,15 @@ def test_newton_bounds_are_infinite_if_loops_together_may_have_no_solution(loop_
         k x^2 / 2 - x + g,
 
     with the residual g at x = 0 and the curvature k. Its zero next to 0 is x = (1 - sqrt(1
-    - 2 k g)) / k, for g up to 1 / (2 k). The bound must be infinite for a larger g, and may
-    be infinite for a smaller one.
+    - 2 k g)) / k, for g up to 1 / (2 k). For a larger g the bound must be infinite. For a
+    smaller g it must be at least x, and may be infinite.
 
     The Jacobian has one derivative for each loop, all -1 at x = 0: a column of L numbers.
     Its pseudo-inverse is a row of L numbers -1 / L, which has the norm 1 / sqrt(L).
 
-    `bound_by_kantorovich` gets the residual and the curvature of a single loop. It must
-    multiply them by norms over all L loops. Otherwise the bound would be finite for some g
+    `bound_by_kantorovich` gets g and k of a single loop, but the theorem needs the norms of
+    all loops together. So the function multiplies k by sqrt(L) and g by sqrt(3 L), for
+    three residuals in each loop. Without these factors the bound would be finite for some g
     without a zero.
     """
     curvature = 0.1

@@ -272,10 +272,13 @@ def about_z(angle):
 
 
 def test_the_range_of_a_new_vertex_is_the_longest(tmp_path):
-    """The input range of a new folded vertex cannot be extended by one degree.
+    """The input range that the command chooses for a vertex is as long as possible.
 
-    One degree beyond the range, the crease c3, opposite the input c1, is closer than 5 deg
-    to a flat (0) or closed (180) fold.
+    The vertex is a point of a folded paper where four creases meet. The command `new`
+    writes its file, with a range in whole degrees for the input, the fold angle of c1. In
+    this range the fold angle of c3, the opposite crease, must be at least 5 deg away from 0
+    and 180 deg (`FOLD_MARGIN_DEG`). At each end of the range this must hold, and one degree
+    beyond it must not.
 
     The creases c1 to c4 are the corners of a spherical quadrilateral. The sector angles s1
     to s4 are its sides: s1 from c1 to c2, and so on. The angle of the quadrilateral at a
@@ -293,6 +296,7 @@ def test_the_range_of_a_new_vertex_is_the_longest(tmp_path):
     cos_arc = np.cos(s4) * np.cos(s1) + np.sin(s4) * np.sin(s1) * cos_corner_1
     cos_corner_3 = (cos_arc - np.cos(s2) * np.cos(s3)) / (np.sin(s2) * np.sin(s3))
     cos_c3 = -cos_corner_3
+    # Whether c3 is from 5 to 175 deg.
     is_inside = np.abs(cos_c3) <= np.cos(np.radians(5.0))
     assert is_inside.tolist() == [False, True, True, False]
 

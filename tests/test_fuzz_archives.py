@@ -301,9 +301,12 @@ def test_damaged_files_of_a_finished_sweep_are_refused_or_read_unchanged(
 
 
 def rewrite_parquet(random, data):
-    """Return a valid Parquet file as another program writes it.
+    """Return a valid Parquet file that the sweep did not write, made from one of its files.
 
-    The file has metadata of pandas, no metadata, a column less, or another content.
+    Such a file passes Parquet's own checks, so the reader of the sweep must find the
+    difference or not need it. The generator `random` chooses one of four changes: the table
+    is written by pandas, has no metadata, has lost its first column, or is replaced by a
+    small other one. `data` are the bytes of the file of the sweep.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq

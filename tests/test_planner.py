@@ -242,16 +242,20 @@ def test_a_pole_of_a_link_with_itself_is_refused_as_such():
 
 
 def test_a_plan_for_a_pole_of_a_block_has_no_pole_of_a_sliding_contact():
-    """A block needs only the known axes of its pairs, not the pole of its contact.
+    """A plan for one pole of a block computes only this pole.
 
-    Two links of a double butterfly slide on each other, in place of a link between them.
-    All poles of the block are computed from velocity equations, so that one of them needs
-    no other.
+    A block is a set of links whose poles do not follow one by one. They are computed from
+    the velocity equations of its loops. These need the axes of revolute pairs, which are
+    known, but no other pole. In particular the unknown pole of a sliding contact must not
+    be computed first.
+
+    The mechanism is a double butterfly (an eight-bar) without link 6. The two links that it
+    connected slide on each other.
     """
     circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
     chain = parse_chain(EIGHT_BARS[8])
     edges = [(a, b) for a, b in chain if 6 not in (a, b)]
-    contact_links = [a + b - 6 for a, b in chain if 6 in (a, b)]
+    contact_links = [b if a == 6 else a for a, b in chain if 6 in (a, b)]
     pairs = [Pair(f"p{a}_{b}", "R", (str(a), str(b))) for a, b in edges]
     axes = random_axes(np.random.default_rng(1), len(pairs)).tolist()
     geometry = PoseGeometry(
@@ -259,6 +263,7 @@ def test_a_plan_for_a_pole_of_a_block_has_no_pole_of_a_sliding_contact():
     )
     contact = Pair("slide", "Cs", tuple(map(str, contact_links)), (circle, circle))
     mechanism = Mechanism("m", "1", tuple("1234578"), (*pairs, contact), geometry)
+    # Any pole of the block except that of the contact.
     pole = next(
         pole
         for pole in plan(mechanism).blocks[0].poles

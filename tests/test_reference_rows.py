@@ -445,9 +445,11 @@ def test_wrong_arguments_of_reference_rows_are_refused():
 def assert_pole_agrees_with_reference(field, reference, exact, pole):
     """Assert that a pole in float64 agrees with the pole in reference rows of 20 digits.
 
-    Its direction must agree within the error bound of float64. Its velocity coefficient may
-    differ by 60 roundings times the condition number, and is NaN in the same rows.
-    Coefficient times direction must be the relative angular velocity of both links.
+    - The directions agree within the error bound of float64.
+    - The velocity coefficients differ by at most 60 EPS times the condition number of the
+      closure equations. Both are NaN in the same rows.
+    - The reference is right itself: its coefficient times its direction is the relative
+      angular velocity of both links in the reference rows.
 
     Parameters
     ----------
@@ -456,7 +458,8 @@ def assert_pole_agrees_with_reference(field, reference, exact, pole):
     reference
         `PoleField` that was computed from the reference rows; it has no error bounds.
     exact
-        The reference rows: `exact.w` (rows, links, 3) has the angular velocities.
+        The reference rows. `exact.w` (rows, links, 3) are the angular velocities, and
+        `exact.condition` (rows,) the condition numbers.
     pole
         Numbers of the two links.
     """

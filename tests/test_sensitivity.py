@@ -621,10 +621,13 @@ def test_derivatives_of_a_cam_mechanism_in_a_reference_pose_are_differences(
 
 
 def test_the_order_of_quantities_changes_no_draws():
-    """A pole that is NaN, as its links rest relative to each other, hides no other draws.
+    """A quantity that is NaN does not remove the results of draws of another one.
 
-    Input 51 alone moves, so link 2 rests and its pole is unknown. Its draws are unknown,
-    too, but not lost.
+    Draws are mechanisms with random sizes. Their spread is asked for two quantities, in
+    both orders. One quantity is an entry of the pole of link 2 relative to link 1,
+    while input 51 alone moves. Both links then rest, so the pole and all results of its
+    draws are NaN. One of these results is `lost`, the part of the draws that cannot be
+    assembled. The spread of the angle theta_32 must be there, and the same in both orders.
     """
     pole = "pole_2_1_x_by_51"
     spreads = []

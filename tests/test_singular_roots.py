@@ -479,9 +479,12 @@ def test_curves_of_type_two_have_no_gap_at_a_zero_in_a_mesh_vertex(mid_plane):
 
 @pytest.mark.slow
 def test_over_constrained_mid_plane_loops_have_no_closed_form_of_type_two():
-    """A pair between links 9 and 10 adds three equations, but only one variable.
+    """For an over-constrained mechanism there are curves of type I, but None for type II.
 
-    The determinant of the velocity equations is then not defined.
+    Base and output of the mechanism mirror each other in a plane, the mid-plane. Curves of
+    type II are zeros of the determinant of the velocity equations with locked inputs. Here
+    one more pair joins links 9 and 10. It adds a loop of three equations, but only one
+    variable, so the equations are not square. Curves of type I need no determinant.
     """
     text = dumps(sk.load("two_dof_spm"))
     for link, axes in (("9", '"9_2", "11_9"'), ("10", '"10_6", "11_10"')):

@@ -95,12 +95,20 @@ def test_a_double_zero_of_an_output_rate_is_one_singularity():
 
 @pytest.mark.parametrize("start", [0.0, 1.5])
 def test_doubts_do_not_depend_on_where_a_closed_curve_begins(start):
-    """Two singularities near each other are undecided also on both sides of the start.
+    """Two points that may be one get a note wherever the arc length of a curve begins.
+
+    At a singularity the rate of the input or of the output is zero: it rests. If the input
+    and the output rest at points near each other, these may be one point at which both
+    rest. The types of both points are then in doubt, and `explain_doubts` returns a note
+    for each.
 
     The closed curve has the length 3 rad. Near the arc length 1.5 rad, the input and the
-    output rest 1e-11 rad apart, with errors of 1e-12 rad. The input also rests at 0.5 rad.
+    output rest 1e-11 rad apart, with errors of 1e-12 rad. The input also rests at 0.5 rad,
+    without a doubt. If the curve starts at 1.5 rad, the near points are its first and its
+    last one. On an open curve these are no neighbours and get no note.
     """
     lap = 3.0
+    # Arc lengths measured from the start of the curve.
     s = (np.array([0.5, 1.5 - 0.5e-11, 1.5 + 0.5e-11]) - start) % lap
     is_input = np.array([True, True, False])
     order = np.argsort(s)
@@ -114,7 +122,9 @@ def test_doubts_do_not_depend_on_where_a_closed_curve_begins(start):
         output_is_double=np.zeros(3, dtype=bool),
     )
     types = [Type.II if input_rests else Type.I for input_rests in rests.input_rests]
+    # The output is another one than the input (`is_input`).
     notes = explain_doubts(rests, types, is_input=False, lap=lap)
+    # Back in the order in which the points are written above.
     assert [bool(notes[k]) for k in np.argsort(order)] == [False, True, True]
     notes_of_open_curve = explain_doubts(rests, types, is_input=False, lap=np.inf)
     assert sum(map(bool, notes_of_open_curve)) == (2 if start == 0.0 else 0)

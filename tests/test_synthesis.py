@@ -595,7 +595,20 @@ def test_a_linkage_is_found_again_by_the_path_of_a_point_of_its_coupler(tmp_path
 
 
 def synthesize_swing(tmp_path, minimise, *conditions):
-    """Synthesize a four-bar with two varied arcs, and the swing of its rocker as figure."""
+    """Return the synthesis of a four-bar in which the arcs of links 2 and 4 vary.
+
+    Tests use it to try objectives and conditions.
+
+    Parameters
+    ----------
+    tmp_path
+        Folder for the file of the synthesis.
+    minimise
+        Formula of the objective. It can contain ``sw``, the swing of the rocker (the range
+        of theta_41 in degrees), and the arcs ``links_2_arc`` and ``links_4_arc``.
+    conditions
+        Conditions that a design must meet, such as ``"sw > 60"``.
+    """
     path = tmp_path / "synthesis.toml"
     path.write_text(
         f"""

@@ -799,13 +799,15 @@ class SeveralInputs:
         coefficients c and d of the relation c w = d q' between the rates of output and
         input, and of distances to singularities.
 
-        With two inputs, the singular configurations are curves. Each page shows all curves,
-        in the plane of the two inputs and as paths of the output's direction on the sphere.
+        With two inputs, the singular configurations are curves. Each page of an assembly
+        mode shows all curves, in the plane of the two inputs and as paths of the output's
+        direction on the sphere. With three inputs, the singular configurations are
+        surfaces. They are drawn in the space of the three inputs, on the first page.
         """
         pages = []
         surfaces = self._draw_surfaces()
         if surfaces:
-            # Surfaces do not move, so their page has a single sample.
+            # Surfaces are the same at all samples of the run, so their page has only one.
             single_sample = Axis("surfaces", "", np.zeros(1))
             pages.append(Scene("Singular surfaces", surfaces, (single_sample,)))
         for mode, rows in self.batch.assembly_mode_rows().items():

@@ -136,8 +136,9 @@ def export(
           passive pairs and their rates on a grid of the inputs. The header in C has a
           function that reads the table.
         - ``.c`` (C99), ``.hpp`` (C++), ``.mjs`` or ``.js`` (JavaScript), ``.py`` (NumPy),
-          ``.jl`` (Julia): source code of formulas,
-        - ``.tex``: formulas in print,
+          ``.jl`` (Julia): source code that computes quantities of the mechanism, such as
+          angles and torques, from its inputs,
+        - ``.tex``: the formulas of such quantities in print,
         - ``.xml``: a MuJoCo model,
         - ``.toml``: the mechanism file.
     to
@@ -176,11 +177,12 @@ def export(
         become arguments of the formulas.
     crossings
         For source code: how an assembly mode continues where its curve of configurations
-        crosses the curve of another mode. With ``"end"``, the default, the mode keeps the
-        signs of its dyads. A dyad is two links with three R pairs, and its sign is one of
-        two ways to assemble it. With ``"pass"`` the mode follows the smooth curve, which is
-        possible with a single input. A function of the source then gives the signs at an
-        input. Both values have the same meaning as in `evaluate`.
+        crosses the curve of another mode. A dyad (two links with three R pairs) can be
+        assembled in two ways, and its sign selects one of them. With ``"end"``, the
+        default, the mode keeps the signs of its dyads. With ``"pass"`` the mode follows the
+        smooth curve, so these signs can change at a crossing. The source then has a
+        function that gives the signs at an input. ``"pass"`` needs a single input. Both
+        values have the same meaning as in `evaluate`.
 
     Raises
     ------

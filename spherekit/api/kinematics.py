@@ -492,9 +492,10 @@ def evaluate(
         in another way.
     crossings
         How an assembly mode continues where its curve of configurations crosses the curve
-        of another mode. With ``"end"`` the mode keeps the signs of its dyads. A dyad is two
-        links with three R pairs, and its sign is one of two ways to assemble it. With
-        ``"pass"`` the mode follows the smooth curve, which is possible with a single input.
+        of another mode. A dyad (two links with three R pairs) can be assembled in two ways,
+        and its sign selects one of them. With ``"end"`` the mode keeps the signs of its
+        dyads. With ``"pass"`` the mode follows the smooth curve, so these signs can change
+        at a crossing. ``"pass"`` needs a single input.
     angle_unit
         Unit of `inputs`, ``"rad"`` or ``"deg"``. The result is in rad.
 

@@ -47,11 +47,12 @@ def page(
         The driven pairs, by default the inputs of the mechanism.
     crossings
         How an assembly mode continues at an input where its curve of configurations crosses
-        the curve of another mode. With ``"end"`` the mode keeps the signs of its dyads. A
-        dyad is two links with three R pairs, and its sign is one of two ways to assemble
-        it. With ``"pass"`` the mode follows the smooth curve, which is possible with a
-        single input. Both values have the same meaning as in `evaluate`. The page finds the
-        crossings for the sizes that its reader chooses.
+        the curve of another mode. A dyad (two links with three R pairs) can be assembled in
+        two ways, and its sign selects one of them. With ``"end"`` the mode keeps the signs
+        of its dyads. With ``"pass"`` the mode follows the smooth curve, so these signs can
+        change at a crossing. ``"pass"`` needs a single input. Both values have the same
+        meaning as in `evaluate`. The page finds the crossings for the sizes that its reader
+        chooses.
 
     Raises
     ------

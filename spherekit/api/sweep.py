@@ -92,9 +92,10 @@ def sweep(
         states a grid. By default the study states the samples.
     crossings
         How an assembly mode continues where its curve of configurations crosses the curve
-        of another mode. With ``"end"`` the mode keeps the signs of its dyads. A dyad is two
-        links with three R pairs, and its sign is one of two ways to assemble it. With
-        ``"pass"`` the mode follows the smooth curve. By default the study decides.
+        of another mode. A dyad (two links with three R pairs) can be assembled in two ways,
+        and its sign selects one of them. With ``"end"`` the mode keeps the signs of its
+        dyads. With ``"pass"`` the mode follows the smooth curve, so these signs can change
+        at a crossing. By default the study decides.
     designs, scheme, seed
         Number of designs, the method that chooses them (``"sobol"``, ``"latin"`` or
         ``"random"``), and the seed of its random numbers. By default the designs are all

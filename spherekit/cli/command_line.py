@@ -249,7 +249,10 @@ def command_parsers(
 ) -> dict[str, CommandParser]:
     """Return the parsers of subcommands by name, with all arguments declared.
 
-    Usually only the parser of the used subcommand has its arguments.
+    `build_parser` leaves the arguments out, so that the program starts quickly. A parser
+    otherwise gets them only when it reads a command line. They are needed earlier to
+    complete a command line with the Tab key, and to write the documentation of all
+    subcommands.
 
     Parameters
     ----------

@@ -109,9 +109,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("end", "pass"),
         help=(
             "only for source code: how an assembly mode continues where two curves of "
-            "configurations cross: end = the mode ends there (default); pass = the mode "
-            "continues along the smooth curve, on which a dyad changes the sign that names "
-            "its mode"
+            "configurations cross: end = the mode keeps the signs of its dyads (default); "
+            "pass = the mode follows its smooth curve, on which a dyad changes its sign"
         ),
     )
     parser.add_argument(

@@ -69,8 +69,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("end", "pass"),
         help=(
             "what happens to an assembly mode where two curves of configurations cross: "
-            "end = the mode ends there (default); pass = it continues along the smooth "
-            "curve, on which a dyad changes the sign that names its mode"
+            "end = the mode keeps the signs of its dyads (default); pass = the mode follows "
+            "its smooth curve, on which a dyad changes its sign"
         ),
     )
 
@@ -94,8 +94,8 @@ def execute(options: Namespace) -> int:
         quantities=options.quantities,
         input_pair=options.input,
         # The configurations of an assembly mode (way to assemble the mechanism) form a
-        # curve over the input. Where it crosses the curve of another mode, the mode ends
-        # ("end"), or follows its smooth curve ("pass").
+        # curve over the input. Where two smooth curves cross, the mode keeps the signs of
+        # its dyads ("end"), or follows its smooth curve ("pass").
         crossings=options.crossings or "end",
     )
     same_mechanism = shlex.join([file, *mechanism_options(options)])

@@ -134,9 +134,8 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         choices=("end", "pass"),
         help=(
             "what happens to an assembly mode where two curves of configurations cross: "
-            "end = the mode ends there, and so does a simulation (default); pass = it "
-            "continues along the smooth curve, on which a dyad changes the sign that names "
-            "its mode"
+            "end = the mode keeps the signs of its dyads, and a simulation ends (default); "
+            "pass = both follow the smooth curve, on which a dyad changes its sign"
         ),
     )
     parser.add_argument(

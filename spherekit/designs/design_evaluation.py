@@ -1015,7 +1015,9 @@ class DesignEvaluator:
         """(points,) index of the sample that has the inputs of each point.
 
         A point is the inputs at which some figure of merit (number that rates a design) is
-        evaluated. With several inputs, configurations are known only at samples.
+        evaluated. Without a closed form, configurations are found by a search and from
+        neighbour to neighbour. With several inputs they are then known only at samples, so
+        each point has to be one of the samples.
 
         Raises
         ------
@@ -1028,8 +1030,10 @@ class DesignEvaluator:
         points = self.figures.points[:, : len(self.inputs)]
         # (samples, points) distance (rad) of each point from each sample.
         distances = max_abs(points - input_grid.q[:, None], axis=2)
-        for point in points[np.min(distances, axis=0) > POINT_TOLERANCE_RAD]:
-            inputs = listing(f"{angle:.6g}" for angle in point)
+        missing_points = points[np.min(distances, axis=0) > POINT_TOLERANCE_RAD]
+        if len(missing_points):
+            # The message names the first one.
+            inputs = listing(f"{angle:.6g}" for angle in missing_points[0])
             raise DesignError(
                 f"{self.mechanism.name}: no sample has the inputs {inputs} rad. If a "
                 "mechanism has several inputs and groups of links other than dyads, "

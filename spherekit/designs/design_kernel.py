@@ -246,17 +246,20 @@ class DesignKernel:
 
 
 class KernelOutputs(NamedTuple):
-    """Quantities at n configurations, and how well the rates satisfy the loop equations.
+    """Outputs of one of the kernels of a `RedundantKernel`, at n configurations.
 
-    A mechanism with redundant constraints has several possible choices of equations. The
-    residual shows which choice is best.
+    A kernel is a function that computes quantities of a mechanism at many configurations.
+    With redundant constraints, the loops give more velocity equations than are independent.
+    Each kernel solves another choice of these equations for the rates of the pairs
+    (joints). At each configuration the kernel with the smallest residual is used.
 
     Attributes
     ----------
     columns
-        (columns, n) quantities at n configurations.
+        (columns, n) the quantities that were requested when the kernel was made.
     residual
-        (n,) relative residual of the loop equations of the rates.
+        (n,) by how much the rates violate the velocity equations of all loops, relative to
+        the rates.
     """
 
     columns: Floats

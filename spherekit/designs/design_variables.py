@@ -358,8 +358,8 @@ def default_size_keys(mechanism: Mechanism) -> Names:
     mechanism file describes its links in one of two ways:
 
     - By arcs between pair axes and angles between arcs. All of them vary, except those of
-      links in which another axis is on one line with the first axis. Other sizes would move
-      these axes apart.
+      coaxial links. In a coaxial link the first axis coincides with another axis: the arc
+      between them is 0 or 180 degrees. With other sizes these axes would not coincide.
     - By the pair axes in a reference pose. The longitudes and latitudes of all axes vary.
     """
     geometry = mechanism.geometry
@@ -378,7 +378,7 @@ def _arc_and_angle_keys(geometry: SizeGeometry) -> Names:
 
     A link with one arc has the key ``links.LINK.arc``. A link with several arcs has a key
     ``links.LINK.arcs.PAIR`` for each of them. The keys of angles have the same form.
-    `coaxial_links` are left out, because other sizes would move the axes apart.
+    `coaxial_links` are left out: with other sizes their axes would not coincide.
     """
     keys = []
     coaxial = coaxial_links(geometry)
@@ -394,7 +394,7 @@ def _arc_and_angle_keys(geometry: SizeGeometry) -> Names:
 
 
 def coaxial_links(geometry: SizeGeometry) -> Names:
-    """Return the links that have another axis on one line with their first axis."""
+    """Return the links whose first axis coincides with another (arc 0 or 180 degrees)."""
     return tuple(
         link
         for link, sizes in geometry.links.items()

@@ -122,9 +122,10 @@ NO_INPUTS = np.zeros((0, 1)), np.zeros((0, 1))
 class PathProfiles:
     """Contact profiles of m designs, each of which lies on a path from design to design.
 
-    A contact profile is the curve on a link that touches another link. Sizes change along a
-    path from one design to another. Newton's method needs the profiles of the designs on
-    the way. If all profiles are circles, this class is not used.
+    A contact profile is the curve on a link that touches another link. A path changes the
+    sizes from one design to another. Newton's method follows configurations along the path,
+    and needs the profiles of the designs on the way. If all profiles are circles, this
+    class is not used.
 
     Attributes
     ----------
@@ -146,7 +147,17 @@ class PathProfiles:
         return PathProfiles(self.columns_at, self.paths[indices], self.parameters[indices])
 
     def evaluate(self, values: Array) -> Floats:
-        """Return the columns (w, m) of profiles at pair variables (variables, m) in rad."""
+        """Return the columns of the profiles at some configurations.
+
+        Parameters
+        ----------
+        values
+            (variables, m) pair variables (rad), one configuration for each design.
+
+        Returns
+        -------
+        (w, m) columns, with w = 9 times the number of profiles.
+        """
         return self.columns_at(values, self.paths, self.parameters)
 
 
@@ -398,20 +409,22 @@ class PathHistory:
         self.slopes = np.zeros((2, *start.shape), start.dtype)
 
     def set_first_slope(self, paths: Indices, next_values: Array, parameter: float) -> None:
-        """Set the slopes at the start from configurations near it.
+        """Set the slopes at the start, from which the first step is predicted.
 
-        The slopes are the change of the configuration per path parameter, between the last
-        three points. The slopes predict the next point of a path. Before the first step
-        there is only one point, so its two slopes are set to the same value here.
+        A slope is the change of the configuration per path parameter, between two of the
+        last three points. The two slopes predict the next point of a path. Before the first
+        step there is only one point, so both slopes get the same value here. The caller
+        computes an auxiliary configuration near the start for this.
 
         Parameters
         ----------
         paths
-            (m,) numbers of some paths.
+            (m,) indices of some paths.
         next_values
-            (variables, m) configurations (rad) at the next points of these paths.
+            (variables, m) configurations (rad) near the start of these paths, approximated
+            by one Newton step.
         parameter
-            Path parameter of these points, which is 0 at the start.
+            Path parameter of these configurations, which is 0 at the start.
         """
         # `slopes` is (2, variables, paths).
         self.slopes[:, :, paths] = (next_values - self.current[:, paths]) / parameter

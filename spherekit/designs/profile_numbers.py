@@ -213,9 +213,10 @@ class DesignProfiles:
         """Return how the starts of rolling profiles change with a design variable.
 
         A profile is the curve along which a link touches another link. Its start is the arc
-        length at which the pair variable is 0. The file states a reference pose, and the
-        start is where both profiles are nearest in this pose. This point moves if a profile
-        changes.
+        length of the contact point where the pair variable is 0. Here the file states a
+        reference pose, and the pair variable is the length rolled from this pose. So the
+        start is the arc length of the point at which the two profiles touch in this pose.
+        This point moves if one of the two profiles changes.
 
         Parameters
         ----------
@@ -229,6 +230,7 @@ class DesignProfiles:
         design variable. Profiles whose start does not change are left out.
         """
         rates: dict[int, float] = {}
+        # The two profiles of a contact have successive indices.
         for index in self._rolling_contacts:
             next_index = index + 1
             profiles = self.profiles[index], self.profiles[next_index]
@@ -253,8 +255,8 @@ class DesignProfiles:
         """Return how the starts of rolling profiles change with design variable k.
 
         A profile is the curve along which a link touches another link. Its start is the arc
-        length at which the pair variable is 0. The file has no reference pose. It states
-        the start, or angles of two shafts from which the start follows.
+        length of the contact point where the pair variable is 0. The file has no reference
+        pose. It states the start, or angles of two shafts from which the start follows.
 
         The start itself may jump by a circumference between two designs. Therefore the
         point p of the profile at the start is differentiated. With the variable v, the
@@ -486,8 +488,9 @@ class ProfilesTowardsDraws:
         Returns
         -------
         (9 * profiles, m) columns: tangent (3), point (3), geodesic curvature and its two
-        derivatives. They are NaN if the draw is an impossible design. The second derivative
-        is not needed for closing the loops, and is always NaN.
+        derivatives. Each is a row of this array. They are NaN if the draw is an impossible
+        design. The second derivative is not needed for closing the loops, and is always
+        NaN.
         """
         # Paths start at several configurations of the nominal design. From each of them,
         # one path leads to each draw, in the order of the draws.
@@ -510,7 +513,8 @@ class ProfilesTowardsDraws:
         A draw is a design with random deviations from the nominal design. Nine numbers
         describe a profile at the point of contact: the tangent (3), the point (3) on the
         unit sphere, the geodesic curvature, and the first two derivatives of the curvature
-        with respect to arc length.
+        with respect to arc length. They are called columns, but each is a row of the array
+        here.
 
         Parameters
         ----------
@@ -521,9 +525,8 @@ class ProfilesTowardsDraws:
 
         Returns
         -------
-        (9 * profiles, m) numbers, one row each, NaN for impossible designs. The ninth
-        number of each profile is always NaN, because closing the loops of links does not
-        need it.
+        (9 * profiles, m) numbers, NaN for impossible designs. The ninth number of each
+        profile is always NaN, because closing the loops of links does not need it.
         """
         columns = nans((COLUMN_COUNT * len(self.nominal), len(draws)))
         for draw, points in _points_by_draw(draws).items():

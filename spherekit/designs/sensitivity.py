@@ -776,24 +776,28 @@ class Sensitivity:
     def _count_wheel_revolutions(self, configurations: Floats, sizes: Floats) -> Floats:
         """Add whole revolutions to the angles of pairs that the inputs drive by wheels.
 
-        The equations state each of these angles as a linear function of the inputs, with
-        all revolutions. The position analysis returns angles from -pi to pi.
+        The position analysis returns angles from -pi to pi. In the closure equations, the
+        angle of such a pair is a linear function of the inputs, and can be larger. An angle
+        that differs from it by whole revolutions does not solve the equations. Then the
+        configuration cannot be the start of Newton's method.
 
         Parameters
         ----------
         configurations
             (variables, n) pair variables (rad) of the mechanism that the equations
-            describe.
+            describe: the mechanism itself or its equivalent linkage.
         sizes
-            (k, 1) sizes, as the equations have them.
+            (k, 1) values of the sizes that are symbols in the equations.
 
         Returns
         -------
-        (variables, n) pair variables that differ by whole revolutions.
+        (variables, n) the same pair variables, with these angles as the linear functions
+        give them, up to rounding.
         """
         expressions = self._expressions
         symbols = expressions.configuration_symbols
-        # All variables are symbols, except those that wheels drive.
+        # In `expressions.variables`, pairs that wheels drive have a linear function. All
+        # other variables are their own symbols.
         function_by_variable = {
             k: variable
             for k, variable in enumerate(expressions.variables)

@@ -165,9 +165,10 @@ class SweepResult:
         )
 
     def frame(self) -> "pd.DataFrame":
-        """Return the table of designs of all parts as one pandas frame.
+        """Return the table of all designs of the sweep as one pandas frame.
 
-        Each row is one design in one assembly mode (way to assemble the mechanism).
+        Each row is one design in one assembly mode (way to assemble the mechanism). The
+        rows are read from the files of the parts. A part is a group of successive designs.
         ``attrs["units"]`` has the units of angles that vary and of figures of merit.
 
         Raises
@@ -175,7 +176,8 @@ class SweepResult:
         FileError
             If the file of a part is missing or damaged, or does not belong to this sweep.
         """
-        # The notes in a file must say that it is this part of this sweep.
+        # The notes (metadata) of a file identify its sweep and its part. `read_frame`
+        # checks them against the notes given here, so that no wrong file is read.
         part_numbers = range(self.sweep.part_count)
         frame = read_frame(
             [self.sweep.path_of(self._store, number) for number in part_numbers],
@@ -241,8 +243,9 @@ class SweepResult:
                 f'{self.sweep.mechanism.name}: the sweep has no table "{name}"'
                 f"{nearest(name, tables) or '.'} {advice}"
             )
-        # The path of the table in each part, by number of the part. The notes in a file
-        # must say that it is this part of this sweep.
+        # The path of the table in each part, by number of the part. The notes (metadata) of
+        # a file identify its sweep and its part. `read_frame` checks them against the notes
+        # given here, so that no wrong file is read.
         path_by_part = tables[name]
         notes = [self.sweep.part_notes(number) for number in path_by_part]
         frame = read_frame([*path_by_part.values()], notes)

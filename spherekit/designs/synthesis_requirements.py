@@ -118,10 +118,12 @@ class Specification:
             raise DesignError(f"minimise: {problem}") from None
 
     def select_rows(self, columns: Columns) -> tuple[Columns, Floats]:
-        """Return the rows of a table of designs that have values of all objectives.
+        """Return the rows of a table of designs that a synthesis can compare.
 
         A synthesis minimises objectives. A row is one assembly mode (way to assemble the
-        mechanism) of one design (choice of sizes).
+        mechanism) of one design (choice of sizes). A row is left out if its status is not
+        OK, for example if the design cannot be assembled. It is also left out if an
+        objective is not finite.
 
         Parameters
         ----------

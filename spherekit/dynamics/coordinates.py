@@ -107,9 +107,10 @@ def motion_by_arc_length(
     """
     linearisation = closure.linearise(values)
     null_motion = solve_null_motion(closure.tree, linearisation.vectors)
-    # The inverse has a column for each velocity equation, and a last column for the
-    # equation that sets the length of the tangent. This length is constant along the curve,
-    # so the last column is not needed.
+    # `null_motion.inverse` is the inverse of the velocity equations, with a last row that
+    # sets the length of the tangent. It is used to solve the differentiated equations for
+    # the second derivatives. The length of the tangent is constant along the curve, so the
+    # last right-hand side is zero there. The last column of the inverse is left out.
     closing_inverse = null_motion.inverse[:, :, :-1]
     return _complete_motion(
         linearisation, null_motion.rates[:, None], closing_inverse, order

@@ -260,8 +260,11 @@ class Simulation:
     def missed(self) -> str | None:
         """A message if the simulation misses its tolerance, otherwise None.
 
-        Two errors are compared with the tolerance: the difference from a more accurate
-        simulation, if there is one, and the relative error of the momenta in a step.
+        A simulation misses its tolerance in two cases:
+
+        - The attribute `error` exceeds the tolerance.
+        - The largest relative error of the momenta that a step adds (`checks.momentum`)
+          exceeds 1000 times the tolerance in rad.
         """
         if self.tolerance is None:
             return None

@@ -26,7 +26,7 @@ def distances_to_lines(position: Floats, points: Floats, axes: Floats) -> Floats
 
 
 def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floats | None:
-    """Return the point in which most of n lines meet, with small deviations.
+    """Return the point in which most of n lines nearly meet.
 
     In an imported model the lines are joint axes, and the point is the centre of the
     spherical mechanism. The point has the least sum of squared distances from the lines. If
@@ -53,15 +53,17 @@ def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floa
     common_point = None
     projections = np.eye(3) - axes[:, :, None] * axes[:, None]
     while len(used_lines) > 1:
-        # The smallest eigenvalue of sum(P) is 0 for parallel lines. For n lines at small
-        # angles to each other it is about n times the square of the angles. The squares of
-        # the smaller singular values of the axes add up to it, with less rounding.
+        # The lines are parallel if they have tiny angles to a common direction. The first
+        # singular vector of the axes is the direction with the least sum of squared sines
+        # of these angles. The other singular values squared add up to this sum.
         smaller_values = np.linalg.svd(axes[used_lines], compute_uv=False)[1:]
         if np.sum(smaller_values**2) < PARALLEL_SINE**2 * len(used_lines):
             # The remaining lines are parallel. A point that was found with more lines is
             # kept.
             break
-        # Least squares of all P c = P p: the sum would square the condition number.
+        # The equations P c = P p of all lines are solved by least squares. Their sum,
+        # sum(P) c = sum(P p), has the same solution, but its condition number is the square
+        # of theirs.
         projected_points = projections[used_lines] @ points[used_lines, :, None]
         least_squares = np.linalg.lstsq(
             np.concatenate(projections[used_lines]), projected_points.ravel()

@@ -386,7 +386,9 @@ class ImportedLinkage:
     def _list_connections_without_balls(self) -> list[tuple[int, int]]:
         """Return the couples of links that are joined directly, other than by a ball joint.
 
-        The caller leaves out a ball joint if its links are connected without it.
+        All links of a spherical mechanism turn about the centre of the sphere, so a ball
+        joint at the centre does not constrain them. The caller therefore leaves out a ball
+        joint if its links are connected without it.
 
         Links are joined directly by joints between a body and its parent in MuJoCo's tree
         of bodies, or by loop points: common points at which the model holds two links
@@ -406,7 +408,7 @@ class ImportedLinkage:
         ]
         for links, loop_points in self.loop_points.items():
             radii = [np.linalg.norm(point.point - self.centre) for point in loop_points]
-            # A common point at the centre does not constrain the links.
+            # A common point at the centre does not constrain the links either.
             if max(radii) > self.least_radius:
                 connections.append(links)
         return connections

@@ -112,8 +112,9 @@ class RigidBodies(NamedTuple):
     has_made_up_masses
         Whether the mechanism file has no masses, so that the export invented some.
     light_ends
-        Links without mass at the ends of the tree, beyond which there is no link with mass,
-        and couplers. They get more inertia than other links without mass.
+        Names of all couplers, and of the links without mass that carry no link with mass in
+        the tree. They get more inertia than other links without mass, because engines
+        follow a load on a light body less exactly.
     """
 
     mechanism: Mechanism

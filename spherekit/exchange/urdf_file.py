@@ -34,7 +34,9 @@ class UrdfContent:
         Unit axis (3,) of each revolute loop joint (joint that closes a loop), by the name
         of the joint, in the axes of the first link.
     notes
-        Sentences on unknown transmissions, and on how far motors turn.
+        Sentences for the user. They name transmissions of unknown type. They also say which
+        motors turn by another angle than the joint they drive, and explain the angle of
+        each wheel.
     """
 
     spec: Any

@@ -162,7 +162,13 @@ def reference_frame(axes: Mapping[str, Floats], name: str) -> Floats:
 
 
 def link_axes(mechanism: Mechanism) -> LinkAxes:
-    """Return the unit axis (3,) of every R pair in each of its two links, in link axes."""
+    """Return the axes of the R pairs (hinges) on each link.
+
+    Returns
+    -------
+    For each link, by its name: the unit axes (3,) of its R pairs in link axes, by the name
+    of the pair. A pair is therefore under both of its links.
+    """
     axes: dict[str, AxesOfLink] = {link: {} for link in mechanism.links}
     both_frames = pair_frames(mechanism)
     for pair in mechanism.pairs:

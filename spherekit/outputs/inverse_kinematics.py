@@ -313,14 +313,15 @@ class InverseKinematics:
     def modes(self) -> tuple[Signs, ...]:
         """The signs of all working modes (ways to assemble the links at a pose).
 
-        The signs are in the order of `legs`. A dyad (two links) has the sign 1 or -1 for
-        its two positions. A group without a closed form has the sign 0.
+        A mode has one sign for each entry of `legs`, in the same order:
 
-        If only the direction of an output is given, the angle t by which the output link is
-        rotated about this direction is unknown. In some mechanisms, a link with two axes
-        closes a loop and so determines t. This link is called a bar. The sign of its mode
-        is the sign of the derivative dc/dt, where c is the cosine of the angle between the
-        two axes to which the bar is joined.
+        - A dyad (two links) has the sign 1 or -1 for its two positions.
+        - A group without a closed form has the sign 0.
+        - A bar has the sign 1 or -1. It exists only for some outputs that are a direction.
+          The output link can then be at any angle t about this direction. The bar is a link
+          with two axes that fits between its neighbours only at certain angles t. Let c be
+          the cosine of the angle between the two axes of the neighbours to which the bar is
+          joined. The sign is that of the derivative dc/dt at such an angle.
         """
         choices = [(1, -1) if group.is_dyad else (0,) for group in self._assembly.groups]
         if self._closing_link is not None:
@@ -343,12 +344,12 @@ class InverseKinematics:
             (n, 3, 3) orientations of the output link, or (n, 3) directions in which it
             points. Both are relative to the link from which the output is observed.
         modes
-            The requested working modes, each with the signs of its dyads as in the property
-            `modes`; all by default.
+            The requested working modes, each as a tuple of signs from the property `modes`;
+            all by default.
         normals
-            Whether the result includes the normals, which the Jacobian needs. The normal of
-            an input is perpendicular to every angular velocity of the output that is
-            possible while this input is locked.
+            Whether the result includes the normals, from which `Inverse.jacobian` is
+            computed. The normal of an input is perpendicular to every angular velocity of
+            the output that is possible while this input is locked.
         near
             (n, 3, 3) approximate orientations of the output link, or one (3, 3) for all
             poses. They are needed only for directions, and only if a bar closes a loop (see
@@ -359,8 +360,9 @@ class InverseKinematics:
         ------
         SolveError
             If the poses are not rotations or directions, `modes` is empty, a mode does not
-            exist, or `near` is missing or has a wrong shape. Also if the mechanism has
-            neither dyads only nor a bar. Then use `solutions`.
+            exist, or `near` is missing or has a wrong shape. Also if the mechanism, with
+            its output held, consists neither of dyads nor of dyads and a bar. The method
+            `solutions` works for such a mechanism.
         """
         if self.dyads is None and self._closing_link is None:
             raise self.no_closed_form(

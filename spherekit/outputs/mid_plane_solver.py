@@ -167,10 +167,12 @@ class MidPlaneKinematics(ClosedKinematics):
         )
 
     def _list_modes(self, mid_planes: InputMidPlanes) -> tuple[Indices, Indices]:
-        """Return the pairs of a mid-plane and an assembly mode that is possible there.
+        """Return the combinations of a mid-plane and an assembly mode possible there.
 
-        A mode has a sign for each leg. The inputs determine the signs of the driven legs.
-        The signs of the other legs are free.
+        A mode has a sign for each leg, which chooses one of two possible positions of its
+        elbow (the axis between its two links). The inputs determine the signs of the driven
+        legs. The signs of the other legs are free. The caller places the links for each
+        combination.
 
         Parameters
         ----------

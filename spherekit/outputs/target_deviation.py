@@ -284,14 +284,16 @@ class TargetDeviation:
         """(n, variables, 3) the moment that the pair of each variable transmits.
 
         Imagine a torsional spring of unit stiffness between the output link and its target.
-        The configuration nearest to the target is its equilibrium: the moment that each
-        pair transmits is at right angles to the axis of the pair. When the axes turn, this
-        condition changes in proportion to the moments, so its derivatives contain the
-        moments. The moment of the spring on the link is the remaining rotation to the
-        target, a rotation vector (n, 3). Pairs transmit this moment to the base. In a
-        closed loop, pairs also transmit the reaction that keeps the loop closed. The moment
-        of a pair is the sum of these moments. If the link is on the target, all moments are
-        zero.
+        The configuration nearest to the target is its equilibrium: the moment f that a pair
+        transmits is at right angles to its axis a, so a . f = 0. The derivatives of this
+        condition are needed, for example for `stiffness`. They contain the term a' . f,
+        because the axes turn when the mechanism moves.
+
+        The moment of the spring on the link is the remaining rotation to the target, a
+        rotation vector (n, 3). The pairs between the base and the link transmit this
+        moment. The pairs of a closed loop also transmit the reaction that keeps the loop
+        closed. The moment of a pair is the sum of these moments. If the link is on the
+        target, all moments are zero.
         """
         spring_force = np.vecmat(self.remaining_rotation, self.output_jacobian)
         moments = self._transmitted_moments(
@@ -322,8 +324,10 @@ class TargetDeviation:
     def _transmitted_moments(self, output_moment: Floats, reactions: Floats) -> Floats:
         """Return the moments (n, variables, 3) that pairs transmit, for each variable.
 
-        The derivatives of the deviation contain these moments; see `_pair_moments`. The
-        same sums give the rates of the moments from the rates of both arguments.
+        Imagine a torsional spring between the output link and its target. The spring exerts
+        a moment on the link, which the pairs transmit to the base. `_pair_moments` says why
+        these moments are needed. The same sums give the rates of the moments from the rates
+        of both arguments.
 
         Each variable belongs to a pair (joint), and has the moment of this pair. The pairs
         on the path from body 0 (the base) to the output link transmit the moment on this

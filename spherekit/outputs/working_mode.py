@@ -516,8 +516,8 @@ class WorkingMode:
         (3, n) at n poses, or (3, 1) if the axis is the same at all poses.
         """
         chain = self.chain
-        # The posed link is placed by the poses. For some of its pairs, the axes are given
-        # with the poses.
+        # The orientation of the posed link is given by the poses of the output. For some of
+        # its pairs, the axes are given with the poses.
         if link == chain.posed_link and pair in self.posed_axes:
             return self.posed_axes[pair]
         # A dyad is two links, joined by its middle pair. The axis of this pair is computed
@@ -546,10 +546,11 @@ class WorkingMode:
         return self._vector_of_dyad_link(link, x, y, z)
 
     def _vector_of_posed_link(self, x: float, y: float, z: float) -> Floats:
-        """Return a vector of the posed link (placed by the poses) in base axes (3, n).
+        """Return a vector of the posed link in base axes (3, n).
 
-        The components x, y, z are in the axes of the link. The result is the sum of the
-        three axes of the link, multiplied by x, y and z.
+        The orientation of this link is given by the poses of the output. The components x,
+        y, z are in the axes of the link. The result is the sum of the three axes of the
+        link, multiplied by x, y and z.
         """
         assert self.posed_rotation is not None
         # Index 0 of the orientation (3, 3, n) is the axis of the link. Components and poses
@@ -681,7 +682,9 @@ class WorkingMode:
         """Return a vector of a link that is not parallel to the axis of a pair.
 
         The angle of a pair is measured from such a vector of its first link to such a
-        vector of its second link.
+        vector of its second link. The components in the axes of the base give the angle at
+        the poses. The components in the frame of the pair give the angle in the position
+        where the variable of the pair is 0.
 
         Parameters
         ----------
@@ -690,16 +693,16 @@ class WorkingMode:
         """
         chain = self.chain
         pair_frame = chain.frame_in(pair, link)  # (3, 3); columns are its x, y and z axis
-        # The orientations of the base and of the posed link (placed by the poses) are
-        # known. So the x axis of the pair frame can be used, at right angles to the pair
-        # axis z.
+        # The orientation of the base is known, and that of the posed link is given by the
+        # poses of the output. So any vector of these links is known. The x axis of the pair
+        # frame is used, which is at right angles to the pair axis z.
         if link in (chain.base, chain.posed_link):
             return LinkVector(
                 in_base=self.vector(link, pair_frame[:, 0]),
                 in_pair_frame=np.array([1.0, 0.0, 0.0]),
             )
         # Of other links, only the axes of their pairs are known here, not their
-        # orientations.
+        # orientations. So the vector is the axis of another pair of the link.
         other_pair = self._choose_pair_off_axis(pair, link)
         axis_in_link = chain.axis_in(other_pair, link)
         return LinkVector(

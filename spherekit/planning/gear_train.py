@@ -526,8 +526,10 @@ def _contact_lengths_at_zero(
     """Return where two wheels touch if the variables of all R pairs are zero.
 
     The mechanism file states for each wheel at which point of its circle it touches the
-    other wheel when they have not rolled. Arc lengths along the circle are measured from
-    this point.
+    other wheel when the rolled length (variable of the contact) is zero. Arc lengths along
+    the circle are measured from this point. When the R pairs are at zero, the wheels may
+    touch at other points, and the two arc lengths may differ. From this difference the
+    caller finds the angles of the undriven pairs at which both lengths are equal.
 
     Parameters
     ----------

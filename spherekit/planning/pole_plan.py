@@ -467,12 +467,14 @@ def table_cells(plan: Plan) -> list[list[str]]:
       of great circles through poles of earlier passes or in contact planes, or as the
       common axis of several pairs,
     - a Roman number with a star: a pole that is computed together with others, from
-      velocity equations,
+      velocity equations. Some of these poles would follow by great circles if one of them
+      were known. They have the number of a later pass, without a star,
     - a square: the diagonal, where both bodies are the same,
     - nothing: the pole is not in the plan.
     """
     # A block is a part of the mechanism whose poles are computed together, in the pass
-    # `block.pass_number`. Some of its poles are displayed in later passes, without a star.
+    # `block.pass_number`. If one of these poles were known, great circles would give others
+    # in later passes. For display, those poles have the later pass and no star.
     starred_poles = set()
     for block in plan.blocks:
         for pole, pass_number in block.pass_numbers.items():

@@ -328,8 +328,8 @@ def _place_group_modes(
     Returns
     -------
     states_by_mode
-        For each mode that closes at some input: the sign of the group, which is 0 unless it
-        is a dyad, and the new state.
+        For each mode that closes for at least one row of `q`: the sign of the group, which
+        is 0 unless it is a dyad, and the new state.
     method
         How the modes were found.
     """
@@ -357,9 +357,10 @@ def _place_dyad_modes(
 def _place_train_mode(
     solver: PositionSolver, state: AssemblyState, position: int, q: Floats
 ) -> list[tuple[int, AssemblyState]]:
-    """Place a train of wheels, if it closes at some input.
+    """Place a train of wheels, if its loops can be closed for at least one row of `q`.
 
     The gear ratios determine all its angles, so there is only one way to place it (mode).
+    The result is still a list of modes, as for the other groups of links.
 
     Parameters
     ----------
@@ -374,11 +375,12 @@ def _place_train_mode(
 
     Returns
     -------
-    A list with the sign 0 (the mark of groups without a sign) and the new state, or an
-    empty list.
+    A list with one item, or an empty list if the train closes nowhere. The item has the
+    sign 0, because only dyads have signs, and the state with the train placed.
     """
     next_state = state.copy()
     closure = solver.place_wheel_train(next_state, position, q)
+    # `is_open` marks the rows of `q` at which some group does not close.
     next_state.is_open |= ~(closure.closure_residual < CLOSURE_TOLERANCE)
     return [] if np.all(next_state.is_open) else [(0, next_state)]
 

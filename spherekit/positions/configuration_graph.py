@@ -535,9 +535,11 @@ class ConfigurationGraph:
         # Edges from each node to the next make the whole sheet one connected component of
         # the graph.
         self._edges.append(NodeEdges(starts=nodes[:-1], ends=nodes[1:]))
-        # Unite the nodes to a piece, which has at most one node per sample. New nodes come
-        # first, because they can always be united. The piece of an earlier node may share a
-        # sample with them and then stays separate.
+        # A connected component can have several nodes at one sample, but an assembly mode
+        # has at most one. Modes are therefore made from pieces: sets of joined nodes with
+        # at most one node per sample. Unite the nodes of the sheet to a piece. New nodes
+        # come first, because they can always be united. The piece of an earlier node may
+        # share a sample with them and then stays separate.
         new_nodes = nodes[nodes >= old_node_count]
         earlier_nodes = nodes[nodes < old_node_count]
         ordered_nodes = np.concatenate([new_nodes, earlier_nodes]).tolist()

@@ -97,13 +97,18 @@ class InputTurningPoints(NamedTuple):
     crossing_inputs: Floats = np.zeros(0)
 
     def gap(self, step: float) -> float:
-        """Return the width (rad) of the widest interval in which modes may be missed.
+        """Return the width (rad) of the widest interval in which a mode may be missed.
 
-        Modes appear or vanish at turning inputs. In a doubtful interval, such inputs may
-        have been missed. A mode between two such inputs is found only if a probe (an input
-        at which modes are computed) is between them. The result is the width of the widest
-        part of the doubtful intervals without one of the probes (``probes(step)``). The
-        width is zero without doubtful intervals.
+        A mode can appear at one turning input and vanish at another. In a doubtful
+        interval, both inputs may have been missed. The mode is then found only if a probe
+        (an input at which modes are computed) lies between them. The probes divide each
+        doubtful interval into smaller intervals, in which a mode may still be missed. The
+        result is the width of the widest of these. It is zero if no interval is doubtful.
+
+        Parameters
+        ----------
+        step
+            Greatest distance of neighbouring probes in doubtful intervals (rad).
         """
         probes = self.probes(step)
         widest = 0.0

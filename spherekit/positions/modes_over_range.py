@@ -65,6 +65,7 @@ higher order. Larger: more modes of such mechanisms are found, in more time.
 PROBED_FRACTIONS = np.array([0.5, 0.3, 0.7, 0.1, 0.9])
 """Positions among the samples at which the first mode with free wheels is searched.
 
+Wheels are free if the input does not determine how far they have rolled on each other.
 The positions are examined in this order, until a mode is found.
 """
 PROBED_INTERVALS = 15
@@ -705,8 +706,9 @@ class ModesOverRange:
         component
             Index of the component (connected curve) of the new modes. None if it is new.
         """
-        # With free wheels, configurations need not repeat, so the curve can be endless. A
-        # shorter part of the curve is followed.
+        # The input does not determine how far free wheels have rolled. With such wheels,
+        # configurations need not repeat, so the curve can be endless. A shorter part of the
+        # curve is followed.
         longest = MAX_CURVE_LENGTH_RAD
         if self._has_free_wheels:
             longest = MAX_ROLLED_CURVE_LENGTH_RAD
@@ -718,8 +720,9 @@ class ModesOverRange:
             component = max(self._components, default=-1) + 1
         self._curves.append(curve)
         self._curve_components.append(component)
-        # Each piece on which the input rises or falls is one mode. The configuration in its
-        # middle is followed to add it.
+        # Each piece on which the input rises or falls is one mode. `_add_new_modes` needs
+        # one configuration of each mode, and follows the mode from there over the range of
+        # the input. The configuration in the middle of the piece is used.
         low, high = self.input_grid.range
         # Growth of the only input after which all configurations repeat.
         (period,) = self.solver.periods

@@ -617,7 +617,7 @@ def _solve_batch(
 def _solve_real_roots(
     geometry: GroupGeometry, order: EliminationOrder
 ) -> tuple[Floats, Bools]:
-    """Return the real solutions of the equations of a group, by real roots only.
+    """Return the real solutions of the equations of a group, without complex ones.
 
     A group is a set of bodies that are placed together. Its pairs (joints) form t closed
     loops, where t is 2 or 3. The equations are formed in three steps:
@@ -627,7 +627,8 @@ def _solve_real_roots(
     3. Each removed body gives an equation: the arc between its two axes is known.
 
     All unknowns but one are eliminated. A root of the remaining polynomial is exp(i angle),
-    so real angles belong to roots on the unit circle.
+    so real angles belong to roots on the unit circle. The other unknowns are computed only
+    for these roots. In contrast, `_solve_all_roots` computes them for all roots.
 
     Parameters
     ----------

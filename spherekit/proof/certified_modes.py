@@ -352,8 +352,9 @@ class _HomotopyResult:
     approximations
         The approximate roots, each with the complex angles (rad) of all unknowns.
     systems
-        Parts of the equations that were solved one after another, and have proven that no
-        real root is missing. Empty if there is no such proof.
+        Small parts of the equations, solved one after another, by which it is proven that
+        no real root is missing. The caller then needs no further search. Empty if this
+        proof was not needed, or if it failed.
     """
 
     approximations: list[Sequence[complex]]

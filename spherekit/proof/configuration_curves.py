@@ -271,7 +271,10 @@ class CertifiedCurves:
         return [(centre - half_width, centre + half_width) for centre in middles]
 
     def bound_saddle_doubts(self, variable: int) -> list[float]:
-        """Return how near to each saddle a variable may be stationary.
+        """Return the size of the region around each saddle where a variable may rest.
+
+        Elsewhere near the saddle, the variable is proven not to be stationary. A region of
+        size above 0 remains undecided.
 
         A saddle is a place where two configuration curves cross or narrowly miss each
         other. Four branches of curves, its arms, leave it. Curves that miss each other bend
@@ -593,7 +596,10 @@ def _list_positions(chain: Chain, points: StationaryPoints) -> list[Floats]:
 def _bound_saddle_doubt(
     saddle: Saddle, quadrants: Iterable[Quadrant], variable: int
 ) -> float:
-    """Return how near to a saddle a variable may be stationary.
+    """Return the size of the region around a saddle in which a variable may be stationary.
+
+    Elsewhere near the saddle, the variable is proven not to be stationary. The region
+    remains undecided, so the caller reports it.
 
     Parameters
     ----------
@@ -609,9 +615,9 @@ def _bound_saddle_doubt(
 
     Returns
     -------
-    The largest change (rad) of the variable from the centre to a point where it may be
-    stationary. The result is 0 if the variable is proven not to be stationary near the
-    saddle.
+    The largest change (rad) of the variable from the centre of the saddle to a point where
+    it may be stationary. The change is 0 if the variable can only be stationary at the
+    crossing itself.
     """
     distance = 0.0
     # 1. In the central zone. Curves that are proven to cross (`level_sign` 0) do not bend.

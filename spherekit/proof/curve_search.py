@@ -373,9 +373,10 @@ class CurveSearch:
     def _has_overlapping_chains(self) -> bool:
         """Return whether two chains may have a configuration in common.
 
-        A chain is a configuration curve as a row of arcs (pieces), each in a box without
-        other configurations. If two chains overlap, they are the same curve in the range of
-        the input. The centres of arcs of one chain are then in boxes of the other.
+        If so, one curve may have been found twice, and `problems` reports this. A chain is
+        a configuration curve as a row of arcs (pieces), each in a box without other
+        configurations. Two chains with a common configuration are the same curve in the
+        range of the input. So the centre of an arc of one chain is in a box of the other.
         """
         counts = [len(chain.pieces) for chain in self.chains]
         chain_of_piece = np.repeat(np.arange(len(counts)), counts)
@@ -383,8 +384,8 @@ class CurveSearch:
             is_other = chain_of_piece != number
             for piece in self._pieces_in_range(chain):
                 # The exact centre may differ from the computed one by this distance. A
-                # computed centre that is outside a box by less counts as inside. The
-                # argument `reach` is negative for positions outside.
+                # computed centre that is outside a box by at most this distance therefore
+                # counts as inside. A negative `reach` has this effect.
                 allowed_outside = piece.centre_error + COORDINATE_ROUNDING_RAD
                 is_inside = self._are_inside(is_other, piece.centre, reach=-allowed_outside)
                 if np.any(is_inside):

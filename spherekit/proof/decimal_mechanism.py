@@ -194,15 +194,19 @@ class DecimalMechanism(DecimalGeometry):
         """Return the rates of the followers at unit rate of the only input, as fractions.
 
         Followers are the pairs (joints) that the input drives through wheels. If all wheels
-        have numbers of teeth, the rates are exact fractions. The rates are computed as
-        balls (numbers with a bound of their error). Each fraction is then recovered from
-        its ball. A ball is small enough to contain only one fraction with a denominator up
-        to `MAX_GEAR_RATIO_DENOMINATOR`.
+        have numbers of teeth, the rates are exact fractions. The denominators tell after
+        how many turns of the input the followers have their initial angles again.
+
+        The rates are computed as balls (numbers with a bound of their error). Each fraction
+        is then recovered from its ball. A ball is small enough to contain only one fraction
+        with a denominator up to `MAX_GEAR_RATIO_DENOMINATOR`. The nearest such fraction to
+        the centre of the ball is tried.
 
         The result is None if a wheel has no number of teeth, or if a ball does not contain
-        the fraction nearest to its centre.
+        the fraction that is tried.
         """
-        # Numbers of teeth are exact balls; sines of radii are not.
+        # The factors of the mesh equations are numbers of teeth, which are exact. Without
+        # these numbers they are sines of radii, which have an error.
         if not all(factor.is_exact() for factor in self._mesh_relations().flat):
             return None
         ratios = []

@@ -487,7 +487,9 @@ class ReducedEquation:
     def evaluate_on_surface(
         self, position: Array, level: Ball, derivatives: SurfaceDerivatives
     ) -> tuple[Ball, Array]:
-        """Return g(u, v) and its slopes at the u and v of an approximate position.
+        """Return g(u, v) and its slopes, with error bounds, near an approximate position.
+
+        A proof about a saddle of g needs these numbers at one point of a surface.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
@@ -496,10 +498,10 @@ class ReducedEquation:
         coordinates u and v of z. These determine z and g, which are thus functions of u and
         v. Where g(u, v) is 0, z is a configuration.
 
-        The points z for all u and v form a surface. A proof about a saddle of g needs g and
-        its slopes at a point of this surface, with error bounds. The given z is only near
-        the surface: z and g satisfy F(z) = g l approximately. Both are corrected with
-        constant u and v. The result is g, with its slopes, at the corrected z.
+        The points z for all u and v form the surface. The given z is only near the surface:
+        z and g satisfy F(z) = g l approximately. Both are corrected with constant u and v,
+        so that they satisfy it exactly. The result is the corrected g, with its slopes at
+        the corrected z.
 
         Parameters
         ----------
@@ -509,9 +511,9 @@ class ReducedEquation:
         level
             The approximate g.
         derivatives
-            The first derivatives, for a box that contains the corrected z. Their
-            `correction` of z and `level_correction` of g are balls that contain the exact
-            corrections.
+            The first derivatives of z and g with respect to u and v, for a box that
+            contains the corrected z. The object also has the corrections: the balls
+            `correction` for z and `level_correction` for g contain the exact ones.
 
         Returns
         -------

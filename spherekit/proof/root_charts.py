@@ -840,8 +840,9 @@ def classify_real_roots(
     A coordinate z of a root is e^(i angle) or its inverse, so the angle is real if |z| = 1.
 
     - Real: because the equations are real, the mirror image of a root in the unit circle,
-      1/conj(z) in all coordinates, is a root, too. If it is so near that there is only one
-      root, both are equal, and |z| = 1.
+      1/conj(z) in all coordinates, is a root, too. There is only one root within the
+      uniqueness radius of the approximation. If the mirror image lies within this radius,
+      it is the root itself. Then z = 1/conj(z), so |z| = 1.
     - Not real: some |z| differs from 1 by more than its error.
 
     Parameters
@@ -873,10 +874,9 @@ def _bound_mirror_distance(magnitude: Floats, radius: Floats) -> Floats:
     """Return a bound of the distance from c to the mirror image of any point near c.
 
     The mirror image of a complex number z in the unit circle is 1/conj(z). Here z is a
-    coordinate of a root, and c its approximation. The mirror image of a root is a root,
-    too. If it is so near c that there is only one root, both are the same root. This
-    proves |z| = 1; see `classify_real_roots`. For all z with ``|z - c|`` up to the radius
-    r,
+    coordinate of a root, and c its approximation with the error bound r. The caller
+    `classify_real_roots` proves |z| = 1 if the bound is less than the uniqueness radius,
+    within which there is only one root. For all z with ``|z - c|`` up to r,
 
         |1/conj(z) - c| <= |1/conj(z) - 1/conj(c)| + |1/conj(c) - c|
                         <= r / ((|c| - r) |c|) + ||c| - 1/|c||.

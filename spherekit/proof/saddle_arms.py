@@ -134,7 +134,7 @@ class ArmRates:
 class SlopeBounds:
     """Bounds of the slope v / u on an arm: a branch of configuration curves at a saddle.
 
-    u and v are coordinates near the saddle. Both bounds have the same sign.
+    u and v are coordinates with the saddle at u = v = 0. Both bounds have the same sign.
 
     Attributes
     ----------
@@ -150,17 +150,21 @@ class SlopeBounds:
 
 @dataclass(frozen=True)
 class ArmSlopes:
-    """Bounds of the slopes v / u of the four arms (branches) of a saddle.
+    """Bounds of the ratio v / u on the four arms (branches) of a saddle.
 
-    A saddle is a place where two curves cross or nearly do, with the coordinates u and v.
+    A saddle is a place where two configuration curves cross or narrowly miss each other.
+    Points near it have coordinates u and v, with the saddle at u = v = 0. The ratio v / u
+    at a point of an arm, here called its slope, is the slope of the line from the saddle to
+    this point. Curves that miss each other bend near the saddle. The bounds are not valid
+    in this central zone.
 
     Attributes
     ----------
     positive
-        For both arms of positive slope: u and v are positive on the first arm, and negative
-        on the second.
+        For the two arms of positive slope. On one arm u and v are positive, on the other
+        one both are negative.
     negative
-        For both arms of negative slope.
+        For the two arms of negative slope. On these arms u and v have opposite signs.
     """
 
     positive: SlopeBounds

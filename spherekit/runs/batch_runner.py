@@ -1045,24 +1045,26 @@ class BatchRunner:
     def _collect_pole_facts(
         self, motion: Motion, rows: BlockRows, examined_slices: Sequence[SliceReversals]
     ) -> PendingPoles:
-        """Return facts about the poles of a block (group of samples) for `fields`.
+        """Return what the method `fields` needs to compute the poles of a block later.
 
         A pole is the axis about which one link rotates relative to another. For each input
         that moves while the others are locked, the poles of several pairs of links are
-        requested. A row of the block is one sample in one assembly mode (way to assemble
-        the mechanism).
+        requested. A block is a group of samples. A row of the block is one sample in one
+        assembly mode (way to assemble the mechanism).
+
+        The result says which rows are certified (have small error bounds), at which rows
+        the direction of a pole may reverse, and how large the error bounds are.
 
         Parameters
         ----------
         motion
             The configurations of the block.
         rows
-            The same rows, with the information which of them are certified (have small
-            error bounds).
+            The same rows, with the information which of them are certified.
         examined_slices
-            For each slice (successive rows of one mode in this block), the rows between
-            which the direction of a pole may reverse, and the largest error bounds of
-            poles.
+            Results for the certified rows, one for each slice (successive rows of one mode
+            in this block): the rows between which the direction of a pole may reverse, and
+            the largest error bounds of poles.
         """
         # Indices of the rows with a configuration, but with too large error bounds.
         uncertified = rows.uncertified
@@ -1082,8 +1084,8 @@ class BatchRunner:
         # compared.
         compared_rows_by_input = []
         if motion.is_path:
-            # Failed rows have no directions. Directions are always compared before and
-            # after uncertified rows, because they may reverse there.
+            # Failed rows have no directions. Uncertified rows were not examined, so a
+            # direction may always reverse before and after such a row.
             for input_index in range(input_count):
                 compared_rows = find_compared_rows(
                     examined_slices, input_index, is_assembled, is_uncertified

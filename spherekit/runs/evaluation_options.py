@@ -35,13 +35,15 @@ class Setting:
     route
         How the engine "numpy" computes poles (axes of relative rotation of two links).
 
-        - "best" solves the velocity equations of the whole mechanism, with more digits
-          where needed.
-        - "equations" does the same, but all rows count as solved by the equations.
-        - "first" intersects the first two great circles that the plan of the poles lists. A
-          circle usually goes through two poles that are already computed.
-        - "conditioned" intersects two of these circles that it chooses by their error
-          bounds, for each configuration.
+        - "best" solves the velocity equations of the whole mechanism in float64, and again
+          in quad precision where float64 leaves too few digits.
+        - "equations" solves the same equations in the same precision as "best". The summary
+          of the run then counts all rows as computed in quad precision.
+        - "first" and "conditioned" compute one pole after the other, as an intersection of
+          two great circles. Each circle usually goes through two poles that are already
+          computed. The plan of the poles lists the circles of each pole. "first" takes the
+          first two of them. "conditioned" takes the circle with the smallest error bound,
+          and the one with which the intersection then has the smallest error bound.
     integrator
         Name of the engine that solves a simulation.
     tolerance

@@ -262,8 +262,11 @@ def _evaluate_with_senses_of_kernel(
     """Evaluate poles without compiled functions, but with the same senses of direction.
 
     A pole is the axis of the relative rotation of two links. It is a line, so its direction
-    can have two senses. The kernel (compiled functions) chooses the sense in which the
-    velocity coefficient (angular velocity per unit rate of the input) is not negative.
+    can have two senses. If it is the axis of a pair (joint), the mechanism file fixes the
+    sense. All other poles are called reversible. The kernel (compiled functions) gives them
+    the sense in which the velocity coefficient (angular velocity per unit rate of the
+    input) is not negative. The same rule is used here, because the results replace those
+    of the kernel in some rows.
 
     Parameters
     ----------
@@ -272,7 +275,7 @@ def _evaluate_with_senses_of_kernel(
     request
         The poles. Their great circles (planes) are not computed here.
     reversible_poles
-        The poles with a direction of either sense.
+        The poles that are not the axis of a pair.
     """
     field = evaluate_unsigned(motion, replace(request, planes=frozenset()))
     for pole in reversible_poles:
@@ -288,21 +291,23 @@ def evaluate_unsigned_poles(
     input_index: int,
     rows: Indices,
 ) -> UnsignedPoles:
-    """Return the poles with a sense of direction that is chosen later, in some rows.
+    """Return the poles in k rows of a block, before the senses of directions are chosen.
 
     A pole is the axis about which one link rotates relative to another. It is a line, so
-    its direction can have two senses. A pole that is the axis of a pair (joint) has a fixed
-    sense and is left out.
+    its direction can have two senses. The caller compares the directions of different rows,
+    and then chooses senses such that the directions are continuous. A pole that is the axis
+    of a pair (joint) has a fixed sense and is left out.
 
     Parameters
     ----------
     kernel
         Compiled functions that compute the poles at all rows together.
     motion
-        The configurations of the block (group of samples).
+        The configurations of the block (group of samples). A row is one sample in one
+        assembly mode.
     uncertified_poles
-        The poles in rows where the errors of the kernel may be too large. These poles
-        replace the values of the kernel.
+        More accurate poles, in the rows where the errors of the kernel may be too large.
+        They replace the values of the kernel.
     input_index
         Index of the input that moves while the other inputs are locked.
     rows

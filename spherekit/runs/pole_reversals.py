@@ -97,15 +97,20 @@ class SliceReversals:
     """The rows of a slice between which pole directions may reverse.
 
     A pole is the axis about which one link rotates relative to another. It is a line, so
-    its computed direction may reverse from row to row. A slice is a number of successive
-    rows (samples) of one assembly mode. Only rows with small error bounds are examined.
+    its computed direction may reverse from row to row. The signs are later chosen such that
+    directions are continuous. Rows between which no direction may reverse need no
+    comparison for this.
+
+    A block has the rows of a group of samples in all assembly modes. It is divided into
+    slices. A slice is a number of successive rows of one mode. Only rows with small error
+    bounds are examined.
 
     Attributes
     ----------
     mode
         Index of the assembly mode.
     first_row, last_row
-        Indices of the first and the last examined row in the block (group of samples).
+        Indices, in the block, of the first and the last examined row of the slice.
     by_input
         The result for each input that moves while the other inputs are locked.
     """
@@ -126,8 +131,13 @@ def find_slice_reversals(
     """Return the rows of a slice between which pole directions may reverse.
 
     A pole is the axis about which one link rotates relative to another. It is a line, so
-    its computed direction may reverse from row to row. A slice is a number of successive
-    rows (samples) of one assembly mode. Its rows with large error bounds are left out here.
+    its computed direction may reverse from row to row. Later, a sign in each row makes the
+    direction continuous. Among the n rows given here, this sign can change only between
+    those that are returned. The other rows need not be compared.
+
+    A slice is a number of successive rows (samples) of one assembly mode. Its rows with
+    large error bounds are left out here. `find_compared_rows` adds them, and the gaps
+    between two slices.
 
     Parameters
     ----------
@@ -135,8 +145,8 @@ def find_slice_reversals(
         Compiled functions for many rows. For each input that moves, `input_columns` know
         the two links of each pole.
     column_function
-        The function that has computed the columns. Its attribute `slices` maps the name of
-        a quantity and the index of an input to the columns of this quantity.
+        The function that has computed the columns. Its attribute `slices` has the Python
+        slice of `columns` for the name of a quantity and the index of an input.
     columns
         (numbers, n) results of this function for n rows with small error bounds.
     mode

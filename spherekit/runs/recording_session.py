@@ -49,22 +49,22 @@ class Recorder(Protocol):
         inputs: Floats | None = None,
         times: Floats | None = None,
     ) -> None:
-        """Receive the scene (drawings) of a block of samples in one assembly mode.
-
-        An assembly mode is one of the ways to assemble the mechanism.
+        """Show or keep the scene (drawings) of a block of samples.
 
         Parameters
         ----------
         scene
-            The drawings.
+            The drawings of one page, such as the page of an assembly mode (way to assemble
+            the mechanism). Drawings that move have k rows, one for each sample.
         samples
-            (k,) numbers of the samples. A scene with its own axes (`Scene.over`), such as a
-            plot over a frequency, has no samples. Its rows are numbered instead.
+            (k,) numbers of the samples. Some scenes, such as a plot over a frequency, do
+            not belong to samples. Their k rows have the numbers 0 to k - 1, and are spread
+            evenly over the inputs and times of the recording.
         inputs
-            (k,) values of the input, rad. None if there are several inputs, or if the
+            (k,) values of the input (rad). None if there are several inputs, or if the
             samples of the run are times.
         times
-            (k,) times, s. None if the samples of the run have no times.
+            (k,) times (s). None if the samples of the run have no times.
         """
 
 

@@ -237,10 +237,10 @@ class Sampling:
         passive_names = set(names) - set(self.position_analysis.inputs)
         if self.simulation is not None and passive_names:
             # A simulation has counted the revolutions of all variables while it was solved.
-            # The revolutions are added here.
+            # The variables of this motion contain them, and the call below returns these
+            # variables as they are.
             motion = self._add_simulated_revolutions(self.simulation, motion)
-        # Without a simulation, revolutions are counted here from sample to sample. The
-        # variables of a simulation are returned without a change.
+        # Without a simulation, this call counts the revolutions from sample to sample.
         angle_unwrapping = self.position_analysis.angle_unwrapping
         return continue_angles(motion, names, angle_unwrapping, last_angles)
 

@@ -532,6 +532,10 @@ def _simulate_tables(
 class _TightestSimulation:
     """The most accurate float64 simulation (smallest tolerance).
 
+    All settings are compared with a reference. The reference, a simulation in more digits,
+    is computed by an iteration that starts from this simulation. If it cannot be computed,
+    the setting of this simulation gives the reference.
+
     Attributes
     ----------
     setting

@@ -222,9 +222,13 @@ def trade(
     """Measure the times and the true errors of the settings of a run.
 
     A setting is one way to compute the run, such as an engine or a tolerance. The result, a
-    trade, has the time and the error of each setting, so that you can choose one. Some
-    analyses have parameters that make them faster and less accurate. For these analyses,
-    values of the parameters are measured instead of settings.
+    trade, has the time and the error of each setting, so that you can choose one. The error
+    is the difference from results in more digits than float64. If a simulation in more
+    digits is not possible, the simulation with the smallest tolerance takes their place.
+
+    Some analyses have parameters that make them faster and less accurate. For these
+    analyses, values of the parameters are measured instead of settings. The results are
+    then compared with those of the most accurate value.
 
     Parameters
     ----------
@@ -240,9 +244,10 @@ def trade(
           ``"rad"``;
         - fields of `spherekit.files.study.Study`, which replace the values in the study;
         - `settings`: the settings to measure, by default all that apply;
-        - `checked`: largest number of samples at which errors are measured. Some samples
-          can be added where the error bounds of poles are largest. The default is 361
-          samples, or fewer if these are more than about 1500 configurations;
+        - `checked`: largest number of samples, spread over the run, at which errors are
+          measured. The default is 361. If a run has more than four assembly modes, the
+          default is 1500 divided by the number of modes, but at least 31. With a single
+          input, samples are added to these where the error bounds of poles are largest;
         - `rounds`: number of times that each setting is run, 5 by default;
         - `budget`: time (s) after which no third or later round begins, 30 by default.
 

@@ -98,12 +98,13 @@ class ParallelAxes:
 
 @dataclass(frozen=True)
 class CoincidentPlanes:
-    """The condition that two planes coincide, each through three pole axes of links.
+    """The condition that two planes through pole axes of links coincide.
 
     The pole axis of two links is the axis about which they rotate relative to each other.
-    Four links, such as i, r, o and s, have six pole axes. By the theorem of Aronhold and
-    Kennedy, the three pole axes of three of these links are in one plane. If the condition
-    is fulfilled, the mechanism is singular.
+    The input link i, the output link o and their reference links r and s have six pole
+    axes. By the theorem of Aronhold and Kennedy, the three pole axes of any three of these
+    links are in one plane. If the two planes of this condition coincide, the mechanism is
+    singular.
 
     Attributes
     ----------
@@ -117,10 +118,13 @@ class CoincidentPlanes:
     def sine(self, poles: SixPoles) -> Floats:
         """Return how far (n,) the two planes are from coinciding, as the sine of an angle.
 
-        In general this is the angle between the planes. Three parallel axes determine no
-        plane. In this case the result is the largest sine of the angles of the axes of both
-        planes to the plane nearest to these axes. If an axis of a plane is unknown, the
-        other two determine this plane. The result is NaN if they do not.
+        In general this is the angle between the planes. But if the three axes of one plane
+        are parallel, they determine no plane. In this case one plane is fitted to the axes
+        of both planes. The angle is then the largest angle between one of these axes and
+        the fitted plane.
+
+        If one axis of a plane is unknown, the other two determine the plane. The result is
+        NaN if they are parallel or unknown, too.
 
         Parameters
         ----------
@@ -518,15 +522,16 @@ def _explain_disagreement(
     links: FourLinks,
     resting_links: Sequence[str],
 ) -> str:
-    """Return why the coefficients of c y' = d q' give another type than the rates.
+    """Return why a relation and the rates give different types of a singularity.
 
-    The result is the note of a relation in the report (`RelationAt.note`).
+    The result is the note of the relation in the report (`RelationAt.note`).
 
-    y' is the rate of the output and q' the rate of the input at a singularity. Each is
-    the relative rate of two links. c and d are triple products of the pole axes (axes
-    of relative rotation) of these links. By the coefficients a singularity has type I
-    if d = 0 and type II if c = 0. By the rates it has type I if y' = 0 and type II if
-    q' = 0. Type III means both.
+    The relation is c y' = d q'. y' is the rate of the output and q' the rate of the input.
+    Each is the relative rate of two links. c and d are triple products of the pole axes
+    (axes of relative rotation) of these links. There are two ways to decide the type:
+
+    - By the coefficients: type I if d = 0, type II if c = 0, type III if both are 0.
+    - By the rates: type I if y' = 0, type II if q' = 0, type III if both are 0.
 
     If c = d = 0, the relation holds for any rates and cannot decide the type. A relation
     with other links has to decide.
@@ -542,7 +547,8 @@ def _explain_disagreement(
         Pairs of links that rest relative to each other, such as ``3 and 4``. They are named
         as the cause if c = d = 0.
     """
-    # Input and output are the relative rotation of the same two links.
+    # Input and output are the relative rotation of the same two links, so y' is q' or -q'.
+    # Then c and d are 1 or -1. They never vanish, even where y' and q' do.
     if len(links.different) == 2:
         return "the output is the input, and c and d are constant"
     if kind == Type.III:

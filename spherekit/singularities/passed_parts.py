@@ -189,13 +189,22 @@ class _PartFinder:
         return whole_laps(self.rows.q - self._curve_inputs, periods)
 
     def make_part(self, visit: Indices) -> PassedPart:
-        """Return the part of a curve between the outermost rows of a visit."""
+        """Return the part of a curve that the rows of a visit cover.
+
+        A visit is the indices (k,) of rows that are on one part of a curve. The part ends
+        at the rows with the smallest and the largest arc length.
+        """
         number = int(self.rows.curve[visit[0]])
         curve = self.curves[number]
         s = self.rows.s[visit]
         shift = float(self._shifts[visit[0]])
         if curve.closed:
-            # Change of the input in one lap, and in all laps since the first row.
+            # `s` and the input on the curve are within one lap. Over several laps, `s` has
+            # to be continued.
+            #
+            # `rise` is the change of the input in one lap. In each lap, the input of a row
+            # exceeds the input on the curve by one more `rise`. The shift is this
+            # difference at the first row, so it is subtracted to count laps from there.
             rise = float(curve.rise[self.driven])
             changes_in_laps = self.rows.q[visit] - self._curve_inputs[visit] - shift
             s = continue_over_laps(s, changes_in_laps, curve.length, rise)

@@ -830,8 +830,9 @@ class SampledSingularities:
 
         This sine is the scale of the transmission measure, which says how far a
         configuration is from a singularity of type II. If all arcs are small, the mechanism
-        is nearly planar, and the measure is proportional to this sine. For mechanisms with
-        contacts the scale is 1, because profiles have a size, too.
+        is nearly planar, and the measure is proportional to this sine. In mechanisms with
+        contacts the arcs are not the only sizes, because their profiles have sizes, too.
+        Their scale is therefore not computed from arcs, but is 1.
         """
         mechanism = self.position_analysis.solver.mechanism
         if mechanism.has_contacts:

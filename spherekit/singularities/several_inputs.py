@@ -48,11 +48,14 @@ class RowType(IntEnum):
     inputs and output rest, and the configuration is of no other type. UNKNOWN means that
     there is no configuration.
 
-    The rates of all variables satisfy linear equations, which keep the loops closed. Where
-    surfaces of configurations cross, these equations lose rank, and some solutions are no
-    motions. A solution in which the output rests then does not prove type I. Such a
-    configuration counts as type II if a solution moves the output while the inputs rest,
-    and as SELF_MOTION if none does.
+    The rates of all variables satisfy linear equations, which keep the loops closed. These
+    equations lose rank, for example, where surfaces of configurations cross. Some solutions
+    are then rates at which the mechanism cannot really move. So other rules apply to a
+    configuration at which the equations lose rank:
+
+    - It never counts as type I or III.
+    - It counts as type II if a solution moves the output while the inputs rest.
+    - Otherwise it counts as SELF_MOTION.
     """
 
     REGULAR = 0
@@ -664,10 +667,11 @@ def _decide_types(measures: SingularityMeasures) -> SmallIntegers:
     the inputs rest. Type III is both. In a self-motion other links move while inputs and
     output rest. A measure below `SINGULAR_TRANSMISSION` counts as zero.
 
-    Linear equations keep the loops closed. Where these equations lose rank, some of their
-    solutions are no motions. A solution in which the output rests then proves nothing, so
-    type I is not considered. The configuration counts as type II if a solution moves the
-    output while the inputs rest, and otherwise as a self-motion.
+    The rates of all variables satisfy linear equations, which keep the loops closed. Where
+    these equations lose rank, some solutions are rates at which the mechanism cannot really
+    move. Types I and III are therefore not considered there. The configuration counts as
+    type II if a solution moves the output while the inputs rest. Otherwise it counts as a
+    self-motion.
     """
     loses_rank = measures.reciprocal_condition < SINGULAR_TRANSMISSION
     is_type_one = (measures.type_one_sine < SINGULAR_TRANSMISSION) & ~loses_rank

@@ -470,6 +470,9 @@ class SingleFreedomSingularities:
         independently of the rates. Each `RelationAt` has the type by c and d, and a note if
         this type differs from the type by rates.
 
+        If an output has two relations, y' is the rate relative to the reference link of the
+        output in one of them, and of the input in the other; see `_compute_relations`.
+
         Parameters
         ----------
         output
@@ -481,10 +484,13 @@ class SingleFreedomSingularities:
 
         Returns
         -------
-        For each singularity its one or two relations.
+        For each singularity its relations. An output has one relation, or two if possible,
+        because one can still be used where the other one vanishes (c = d = 0).
         """
         poles = tuple(self.poles(output))
         axes = link_motion.pole_axes(poles, self._plan_poles(poles))
+        # If links of a relation rest relative to each other, a note states this as the
+        # reason why c = d = 0.
         is_resting = {pole: link_motion.rests(pole) for pole in poles}
         input_rate = _relative_rate(link_motion, axes.directions, self.input)
         relations = [
@@ -610,8 +616,9 @@ class SingleFreedomSingularities:
 
         Returns
         -------
-        The relations on the first curve, then those on the second one, and so on. An output
-        has one or two relations. Nothing if the crossing was not located.
+        The relations on the first curve, then those on the second one, and so on. On each
+        curve an output has one or two relations, one for each form that exists (see
+        `_compute_relations`). The result is empty if the crossing was not located.
         """
         if crossing is None:
             return ()
@@ -624,8 +631,9 @@ class SingleFreedomSingularities:
             # The second derivatives along the curves are not known.
             bends=None,
         )
-        # `_check_types` computes the relations, each with a note if c and d do not agree
-        # with the type of the crossing.
+        # `_check_types` computes the relations. If c or d does not vanish, it adds a
+        # general note about the difference from type III. If neither vanishes,
+        # `_note_single_curve` below replaces this note by one that names the cause.
         types = [Type.III] * curve_count
         relations_by_curve = self._check_types(output, link_motion, types)
         relations = list(chain.from_iterable(relations_by_curve))

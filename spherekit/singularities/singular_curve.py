@@ -194,7 +194,8 @@ class SingularCurve:
 
         The curve consists of singular configurations, and nodes are its computed points.
         The signs at successive nodes are compared. Each change is then located between the
-        two nodes. Two zeros between the same nodes are not noticed. If the function is
+        two nodes. The unknown is the position on the chord, the straight line from one node
+        to the next. Two zeros between the same nodes are not noticed. If the function is
         smaller than `VANISHING_FUNCTION` at both nodes, its sign is only rounding, and no
         zero is returned.
 
@@ -204,12 +205,15 @@ class SingularCurve:
             Function of n points of the curve that returns their values (n,). The values are
             about 1 in size, such as determinants of unit vectors.
         """
+        # The sign of a value can depend on the basis of rates at a node. Signs are compared
+        # in aligned bases.
         node_values = self._comparable_node_values(function)
         starts = node_values[:-1]
         stops = node_values[1:]
         is_clear = np.maximum(np.abs(starts), np.abs(stops)) > VANISHING_FUNCTION
         changes_sign = (starts >= 0.0) != (stops >= 0.0)
         (chord_numbers,) = np.nonzero(is_clear & changes_sign)
+        # The position on a chord is 0 at its start and 1 at its end.
         parts, _ = find_bracketed_zeros(
             lambda x, rows: function(self.points_on_chords(chord_numbers[rows], x)),
             low=np.zeros(len(chord_numbers)),

@@ -47,7 +47,9 @@ range of that input. Larger: other edges are taken for edges at an end of the ra
 class _EdgePoints:
     """Points on k edges of a mesh whose vertices are singular configurations.
 
-    The points are interpolated linearly, so they are only near the singular surface.
+    The points are interpolated linearly, so they are only near the singular surface. They
+    are the starting points of Newton's method, which moves them onto the surface.
+    Points that reach it become new vertices of the mesh.
 
     Attributes
     ----------
@@ -58,7 +60,8 @@ class _EdgePoints:
         or the output (type I) rest.
     edge_vectors
         (k, V) differences of the variables from the first to the second end of each edge
-        (rad). Whole periods, such as 2 pi, are subtracted.
+        (rad), less whole periods such as 2 pi. They show how far Newton's method may move a
+        point, and which inputs are constant on an edge.
     """
 
     values: Floats

@@ -251,15 +251,17 @@ class Table:
         )
 
     def named(self, data: "TableData", names: Mapping[int, str]) -> "TableData":
-        """Add the column of the names of assembly modes, if the table declares it.
+        """Return the columns of the table with the names of assembly modes, if declared.
 
-        An assembly mode is one of the ways to assemble the mechanism. A mechanism can have
-        names for them.
+        An assembly mode is one of the ways to assemble the mechanism. A mechanism can name
+        its modes. `with_names` declares the column of the names. Without this column, the
+        data are returned as they are.
 
         Parameters
         ----------
         data
-            The other columns of the table by name.
+            The other columns of the table by name. One of them has the number of the mode
+            in each row, from which the name follows.
         names
             Names by number of the mode. Modes without a name get an empty text.
         """

@@ -194,7 +194,11 @@ class ProfileSide:
 
 @dataclass(frozen=True)
 class PairRotations:
-    """The pairs (joints) of a mechanism as rotations, in expressions or numbers.
+    """The pairs (joints) of a mechanism as products of rotations.
+
+    Expressions of positions and rates, which are then compiled, are built from these
+    products. The entries of the rotations are numbers, or expressions if sizes of the
+    mechanism are symbols.
 
     Attributes
     ----------
@@ -221,10 +225,11 @@ class PairRotations:
 
     @property
     def sides_with_symbols(self) -> tuple[ProfileSide, ...]:
-        """The profiles that are not written as circles.
+        """The profiles whose geometry at the contact is passed to functions as symbols.
 
-        A circle is written as a rotation about its centre. For any other profile, the
-        tangent, point and curvature at the contact are symbols (`contact_symbols`).
+        A circle can be written as a rotation about its centre, and is then not listed
+        here. For any other profile, the tangent, point and curvature at the contact are
+        symbols (`contact_symbols`).
         Compiled functions take the values of these symbols as arguments after the pair
         variables, in the order of the profiles here.
         """

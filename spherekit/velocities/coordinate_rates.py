@@ -67,7 +67,8 @@ class CoordinateRates(VelocityEquations):
         """Form symbolic expressions of the vectors of all pair (joint) variables.
 
         The vector of a variable is the relative angular velocity of the links of its pair
-        per unit rate of the variable.
+        per unit rate of the variable. In the velocity equation of a loop, these vectors
+        times the rates of the variables add up to zero.
 
         Parameters
         ----------
@@ -82,9 +83,9 @@ class CoordinateRates(VelocityEquations):
         self.structure = structure
         mechanism = structure.mechanism
         placed = placed or place_by_variables(mechanism, structure.pairs, variables)
-        # If two circles roll on each other, the relative rotation is the sum of two
-        # rotations about their centres. The sum is shorter than an expression by the
-        # contact point.
+        # If two circles roll on each other, their relative rotation is the sum of two
+        # rotations about their centres (`about_centres`). This sum takes fewer expressions
+        # than the same rotation about the contact point.
         super().__init__(mechanism, structure.pairs, placed, variables, about_centres=True)
 
     def _solve_groups(

@@ -164,9 +164,9 @@ def choose_elimination_order(
 
     The method is Gaussian elimination of the Jacobians, with a choice of the pivot in each
     step. A pivot is a loop with the variables (at most three) for which its equations are
-    solved. The same pivots are used for all configurations. A pivot is good if the axes of
-    its variables are far from linearly dependent at all configurations, and if the step
-    needs few products.
+    solved. The compiled functions of the engine have a fixed sequence of pivots, so all
+    configurations get the same pivots. A pivot is good if the axes of its variables are far
+    from linearly dependent at all configurations, and if the step needs few products.
 
     Parameters
     ----------
@@ -211,8 +211,9 @@ def choose_elimination_order(
         loops.remove(loop)
         columns = [c for c in columns if c not in chosen]
         # Express the variables of the pivot by the others, and insert them into the loops
-        # that remain. A pivot with fewer than three variables has three equations that
-        # depend on each other. The pseudo-inverse solves these as well.
+        # that remain. A pivot has fewer than three variables if the three equations of its
+        # loop depend on those of earlier loops. The pseudo-inverse solves such equations,
+        # too.
         axes = remaining[:, loop][:, :, chosen]
         solved = np.linalg.pinv(axes) @ remaining[:, loop]
         remaining[:, loops] -= remaining[:, loops][..., chosen] @ solved[:, None]

@@ -90,10 +90,11 @@ class PlannedPoles:
     ) -> None:
         """Compute the directions and errors of all poles, step by step.
 
-        A pole is the axis about which two links turn relative to each other. A step of the
-        plan gives a pole as the axis of a pair (joint), or as the intersection of two great
-        circles through known poles. Some parts of the mechanism need their velocity
-        equations; such a step gives all poles of the part.
+        A pole is the axis about which two links turn relative to each other. There are
+        three kinds of steps. A step gives one pole as the axis of a pair (joint), or one
+        pole as the intersection of two great circles through known poles. Some parts of the
+        mechanism have poles that do not follow in this way. The third kind of step gives
+        these poles of a part together, from the velocity equations of the part.
 
         Parameters
         ----------
@@ -104,7 +105,8 @@ class PlannedPoles:
             those with the smallest errors at each row (configuration).
         axis_separations
             (n,) by pole, an additional error (rad) for a pole that is the common axis of
-            several pairs. The error is positive if the rounded axes of these pairs differ.
+            several pairs. In a file with rounded numbers, the axes of these pairs can
+            differ a little, so the pole is not exactly known.
         """
         self.plan = plan
         self.motion = motion
@@ -121,7 +123,7 @@ class PlannedPoles:
                 elif isinstance(step, LinePole):
                     self._add_intersection(step)
                 else:
-                    # A part of the mechanism with poles that do not follow one by one.
+                    # Several poles of a part, from its velocity equations.
                     self._solve_block(step)
 
     def _add_pair_axis(self, step: PrimaryPole, separation: Floats) -> None:

@@ -148,16 +148,20 @@ def limited_cam(random):
 
 
 def folding_mechanism(seed):
-    """Return a random mechanism that can fold (have links in line), and its kind.
+    """Return a random mechanism whose links can come in line (a fold), and its kind.
 
-    - "cam": a cam that cannot turn fully, with a roller follower (`limited_cam`).
+    At a fold two assembly modes meet, and joint angles are inaccurate. Tests of error
+    bounds need such mechanisms. There are three kinds:
+
+    - "cam": only a cam and its roller follower. The cam cannot turn fully (`limited_cam`).
     - "contact": a four-bar of special geometry, for example a rhombus, perhaps with dyads
-      (two links joined by a pair), and a cam on its crank or rocker (`with_cam`).
+      (two links joined by a pair). Its crank or rocker has a cam, which moves a follower
+      on the ground (`with_cam`).
     - "redundant": such a four-bar with the same coupler twice (`with_second_coupler`).
 
     Returns
     -------
-    The kind as text, and the mechanism.
+    The kind, with which a test can leave out a kind, and the mechanism.
     """
     # Another seed than that of `special_mechanism(seed)`, for independent numbers.
     random = np.random.default_rng(seed + 10**7)

@@ -1186,11 +1186,21 @@ class Arc:
         return slopes
 
     def at(self, s):
-        """Return balls (intervals) of all variables on the arc, for all s in a ball.
+        """Return balls (intervals) that contain the points of the arc for a range of s.
 
-        The arc lies in a piece, which is a straight box. s is the coordinate along the axis
-        of this box, y are those across the axis. The search starts from all y of the piece.
-        Krawczyk's operator narrows their balls and loses no solution of F = 0.
+        The arc is the part of a configuration curve F = 0 in a piece, which is a straight
+        box. s is the coordinate along the axis of the box, and y are those across it. For
+        each s the arc has one y, which is to be enclosed. The search starts with the balls
+        of all y of the piece. Krawczyk's operator narrows them and loses no solution.
+
+        Parameters
+        ----------
+        s
+            Ball of the coordinate along the axis: the range of s.
+
+        Returns
+        -------
+        (variables,) balls of the variables.
         """
         middle_s = arb(s.mid())
         step = s - middle_s
@@ -1198,8 +1208,8 @@ class Arc:
         axis_points = axis_point + step * self.axis
         y = self._narrowed(self.all_y, axis_point, axis_points, step)
         if any(item.rad() > 0.9 * self.radius for item in y):
-            # The balls are hardly smaller, since the bounds of F' over all y are too wide.
-            # Bounds over parts of the piece are narrower, so the piece is cut into parts.
+            # A ball is hardly narrower than the piece, since the bounds of F' over all y
+            # are too wide. Bounds over parts of the piece are narrower, so it is cut.
             y = self._inside_piece_by_cuts(axis_point, axis_points, step)
             y = self._narrowed(y, axis_point, axis_points, step)
         return axis_points + self.across @ y

@@ -121,10 +121,10 @@ class PageMaker:
         input_pair
             The driven pairs (joints). None: the inputs of the mechanism.
         crossings
-            How an assembly mode (way to assemble the mechanism) continues. Its
-            configurations form a curve over the input, which may cross the curve of another
-            mode. With "pass", a mode follows its smooth curve through a crossing. With
-            "end" the smooth curve ends there, and the mode keeps the signs of its dyads. A
+            How an assembly mode (way to assemble the mechanism) continues where two smooth
+            curves of configurations over the input cross. With "pass", the mode follows its
+            smooth curve through the crossing. With "end", it keeps the signs of its dyads.
+            It then passes from one smooth curve to the other, in general with a kink. A
             dyad is two links with three R pairs, and its sign selects one of the two ways
             to assemble them.
         """
@@ -143,10 +143,11 @@ class PageMaker:
         # Keys of the numbers with sliders: those that the user names, or all sizes.
         self._has_named_sizes = vary is not None
         self.keys = self._find_sizes() if vary is None else tuple(vary)
-        # For each input, while only this input moves: the steps by which all pole axes
-        # (axes of relative rotation of two links) are constructed. `moves_by_rank` says
-        # whether the mobility follows from the rank of the equations, because counting
-        # links and pairs gives too small a number.
+        # There is one plan for each input, which moves while the other inputs are locked. A
+        # plan lists the steps that construct all pole axes (axes of relative rotation of
+        # two links). Counting links and pairs gives too small a mobility if constraints are
+        # redundant. `moves_by_rank` then tells `plans` that the mechanism moves all the
+        # same, as the rank of the velocity equations shows.
         moves_by_rank = is_mobile_by_rank_only(self._mechanism)
         self._pole_plans = plans(self._mechanism, moves_by_rank)
 

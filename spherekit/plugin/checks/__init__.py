@@ -38,7 +38,8 @@ def conformance(
     - `tables`: its tables have the declared columns.
     - `findings`: its findings (values for the summary, warnings, remarks and small tables)
       have the right types and can be stored as JSON.
-    - `blocks`: rows and findings do not depend on the blocks of samples.
+    - `blocks`: rows and findings stay the same if the samples reach the analysis in blocks
+      of another size. Long runs are computed block by block to save memory.
     - `failed rows`: a row of the motion that is NaN changes no table rows of other samples.
     - `rotation`: tables agree if the whole mechanism is rotated.
     - `names`: tables agree if links are renamed and renumbered.
