@@ -478,7 +478,7 @@ def test_curves_of_type_two_have_no_gap_at_a_zero_in_a_mesh_vertex(mid_plane):
 
 
 @pytest.mark.slow
-def test_over_constrained_mid_plane_loops_have_no_closed_form_of_type_two():
+def test_over_constrained_mid_plane_loops_have_curves_of_type_one_only():
     """For an over-constrained mechanism there are curves of type I, but None for type II.
 
     Base and output of the mechanism mirror each other in a plane, the mid-plane. Curves of

@@ -69,8 +69,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("end", "pass"),
         help=(
             "what happens to an assembly mode where two curves of configurations cross: "
-            "end = the mode keeps the signs of its dyads (default); pass = the mode follows "
-            "its smooth curve, on which a dyad changes its sign"
+            "end = the mode keeps the signs of its dyads (default); pass = the mode "
+            "follows its smooth curve, on which a dyad changes its sign"
         ),
     )
 
