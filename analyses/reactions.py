@@ -353,11 +353,15 @@ class ReactionAnalysis(AbstractAnalysis):
         return _make_findings(_merge_summaries(before.figures, now.figures))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return plots of the moments across all axes, of contacts and of bearings.
+        """Return plots of the moments of pairs, the pushes of contacts and bearing loads.
 
-        The moment across the axis is the part of a pair's moment at right angles to its
-        axis. The push of a contact is its normal force, positive if it presses. The drawn
-        value is the push times the radius of the sphere (N m).
+        - For each pair (joint): the part of its moment at right angles to its axis. A
+          contact has no axis; the line from the centre of the sphere to it is used instead.
+        - For each contact: the push, which is its normal force times the radius of the
+          sphere (N m). This is the moment of the force about the centre. It is positive if
+          the contact presses.
+        - For each bearing: the forces across the axis (radial) and along it (axial), as far
+          as they are known.
         """
         result = self._reactions(batch)
         plots = []
@@ -371,9 +375,9 @@ class ReactionAnalysis(AbstractAnalysis):
                 torque = result.push[:, number]
                 plots.append(plot_series("contact_torque", pair.name, title, torque, "N m"))
         for bearing in _bearing_loads(batch.mechanism, result):
-            # The moment of the pair and the force through the centre cause the radial load
-            # of a bearing. The load is NaN if the file does not determine this force. Only
-            # the force due to the moment is then drawn.
+            # A pair transmits a moment and a force through the centre of the sphere. Both
+            # load its bearings. If this force is not determined, the radial load is NaN.
+            # The part of the load that the moment (couple) causes is then drawn instead.
             if np.any(np.isfinite(bearing.radial)):
                 title = "radial load of bearings"
                 force = bearing.radial

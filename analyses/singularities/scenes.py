@@ -123,18 +123,19 @@ def plot_plane(
 def relation_plots(
     relation: Mapping[str, Any], rows_of_batch: int, rows: slice
 ) -> list[Primitive]:
-    """Return plots of c, d and angles of each output in some rows of a batch.
+    """Return plots of the input-output relation of each output in one assembly mode.
 
-    The relation c y' = d q' is between the rates of an output and of the moving input. One
-    input moves while the others are locked. There are up to two forms of the relation, i
-    and ii, with different reference links of the output. The angles measure how near
-    singularities are.
+    The relation is c y' = d q'. y' is the rate of an output, and q' the rate of the one
+    input that moves while the others are locked. There are up to two forms of the relation,
+    i and ii, with different reference links of the output. The coefficients c and d are
+    plotted, and angles that measure how near singularities are (`PLOTTED_COLUMNS`).
 
     Parameters
     ----------
     relation
-        The table of relations of the batch, by column. The rows of the batch are repeated
-        for every output, form of the relation and moving input.
+        The table of relations by column. It has a row for each row of the batch (each
+        sample in each assembly mode). These rows are repeated for every output, form of the
+        relation and moving input.
     rows_of_batch
         Number of rows of the batch.
     rows

@@ -299,11 +299,13 @@ def _export_source(
         The driven pair or pairs, and the assembly mode (way to assemble the mechanism).
     options
         Further arguments of `export`: the quantities (``quantities``), the numbers that are
-        arguments of the source code (``vary``), and ``crossings``. The configurations of a
-        mode form a curve over the input, which may cross the curve of another mode. With
-        "pass", a mode follows its smooth curve through a crossing. With "end" the mode
-        keeps the signs of its dyads instead. A dyad is two links with three R pairs, and
-        its sign selects one of the two ways to assemble them.
+        arguments of the source code (``vary``), and ``crossings``.
+
+        ``crossings`` says how a mode continues where its curve of configurations crosses
+        the curve of another mode. A dyad (two links with three R pairs) can be assembled in
+        two ways, and its sign selects one of them. With "end" the mode keeps the signs of
+        its dyads. With "pass" the mode follows the smooth curve, so these signs can change
+        at a crossing.
     """
     if options.get("crossings") == "pass":
         # The source stores the inputs at which curves of modes cross. They depend on the

@@ -156,8 +156,14 @@ def with_signature_of(
 
 
 def _run(*arguments: Any, **options: Any) -> RunResult:
-    """Run analyses, and return a result that can also draw and record the run."""
-    # The run may be repeated after the user has changed its file, lists or arrays.
+    """Run analyses, and return a result that can also draw and record the run.
+
+    The result repeats the run when it is drawn or recorded. By then the user may have
+    changed the study file, or lists and arrays among the arguments. The file is therefore
+    read here, and lists, dictionaries and arrays are copied. Both runs use these copies.
+    """
+    # The subject is the study or mechanism, or the path of its file. It is the first
+    # argument, or the option "subject".
     subjects, others = arguments[:1], arguments[1:]
     arguments = (*map(_read_subject, subjects), *map(_copy_container, others))
     options = {name: _copy_container(value) for name, value in options.items()}

@@ -298,8 +298,8 @@ def _describe_evaluations(plan: Facts) -> str:
         evaluations.append(
             f"{counted(counts['irreducible'], 'secondary pole')} from velocity equations"
         )
-    # First order: angular velocity per unit rate of the input. Second order: the derivative
-    # with respect to the input.
+    # Angular velocities of links are per unit rate of the input. Some analyses also need
+    # the derivatives of these angular velocities with respect to the input.
     rates = "angular velocities"
     if plan["derivatives"]:
         rates += " and their derivatives"

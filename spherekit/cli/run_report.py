@@ -366,14 +366,15 @@ def _dead_centre_texts(
 ) -> Lines:
     """Return texts of the inputs near which an assembly mode has dead centres.
 
-    If a span of the mode ends inside the range, a dead centre is between this sample and
-    the next sample.
+    A span is a part of the range in which the mode exists. If it ends inside the range, the
+    dead centre is between the last sample of the span and the next sample outside it. If
+    the samples are far apart, the text names both of them. Otherwise it names only the last
+    sample of the span.
 
     Parameters
     ----------
     spans
-        Spans of the input in which the mode exists: the first and the last sample of each,
-        in rad.
+        The inputs (rad) of the first and the last sample of each span.
     input_range
         The inputs of the first and the last sample of the run (rad).
     place_text

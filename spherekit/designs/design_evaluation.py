@@ -1136,24 +1136,27 @@ class DesignEvaluator:
     def _make_expressions(
         self, mechanism: Mechanism, configuration: Floats | None, is_redundant: bool
     ) -> DesignExpressions:
-        """Return the quantities of a design as symbolic expressions of pair variables.
+        """Return the symbolic expressions of one design, from which a kernel is made.
 
-        A design is one choice of the sizes of the mechanism.
+        A design is one choice of the sizes of the mechanism. A kernel is a function that
+        computes quantities, such as velocities, at many samples at once. The expressions
+        are functions of the pair (joint) variables.
 
         Parameters
         ----------
         mechanism
             The mechanism of the design. All its sizes are constants in the expressions.
         configuration
-            (variables,) pair (joint) variables in rad with which all loops close. None if
-            none is known. With redundant constraints, those closure equations are used that
-            are independent at this configuration.
+            (variables,) pair variables in rad with which all loops close. None if none is
+            known.
         is_redundant
             Whether constraints are redundant. The degrees of freedom then follow from the
-            rank of the closure equations, not from counting links and pairs.
+            rank of the closure equations, not from counting links and pairs. Only closure
+            equations that are independent at `configuration` are used.
         """
-        # Contact profiles other than circles have no expressions. With `as_columns`,
-        # symbols stand for their points, tangents and curvatures at the contacts.
+        # There are no expressions for the points of contact profiles other than circles.
+        # If there are such profiles, symbols stand for the point, the tangent and the
+        # curvature of each profile at its contact. These symbols are called columns.
         pairs = pair_rotations(
             mechanism, as_columns=self.varied_mechanism.has_shaped_profiles
         )

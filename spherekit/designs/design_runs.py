@@ -467,18 +467,20 @@ class DesignRuns:
     ) -> int | None:
         """Return the index of the kernel row with the same assembly mode, or None.
 
-        Rows with figures of merit (numbers that rate a design) come from a run and from a
-        kernel (function for many designs at once). The run and the kernel may label an
-        assembly mode (way to assemble the mechanism) differently. Modes are matched by the
-        signs of dyads: each group of two links and three revolute pairs can be assembled in
-        two ways.
+        Figures of merit (numbers that rate a design) come from a run and from a kernel
+        (function for many designs at once). The figures of both are joined in one row for
+        each assembly mode (way to assemble the mechanism). The run and the kernel may label
+        a mode differently, so modes are matched by the signs of their dyads. A dyad is two
+        links with three R pairs, and its sign is the way in which it is assembled.
 
-        The result is None if no row matches, or if signs cannot be compared:
+        The result is None if no row matches, or if there are no signs to compare:
 
-        - working modes (ways to assemble the mechanism at a fixed pose of the output) have
-          no signs of dyads;
-        - the rows of the run belong to no known assembly mode;
-        - the kernel may have no signs, or signs of links that replace contacts.
+        - The mode is a working mode (way to assemble the mechanism at a fixed pose of the
+          output). Working modes have no signs of dyads.
+        - The rows of the run belong to no known assembly mode.
+        - The kernel numbers its modes and has no signs.
+        - The kernel replaces contacts by links. The signs of these links do not occur in
+          the run.
 
         Parameters
         ----------

@@ -218,10 +218,12 @@ def design_variable(document: Document, key: str) -> DesignVariable:
 
 
 def _check_form_of_geometry(document: Document, key: str, path: KeyPath) -> None:
-    """Raise `DesignError` if a number belongs to the form of geometry of other files.
+    """Raise `DesignError` if a number does not belong to the file's form of geometry.
 
-    A file states either dimensions, with the ``zero`` of a pair, or a reference pose, with
-    the ``value`` of a pair. Files may leave out both, so keys of both exist.
+    A file states its geometry in one of two forms: dimensions of links, or a reference pose
+    (the axes of the pairs in one configuration). The number ``zero`` of a pair belongs to
+    dimensions, and ``value`` to a reference pose. Both default to 0. A key can also name a
+    number that the file leaves out. Therefore the key of the wrong number is found, too.
     """
     match path:
         case ("pairs", _, "zero" | "value" as number):

@@ -508,8 +508,9 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
         problem,
         run.end_time,
         state=end_states.states[0],
-        # A state has momenta of coordinates, one for each degree of freedom. The rate of a
-        # coordinate is a weighted sum of the rates of the pair variables.
+        # The momenta in the state belong to coordinates, one for each degree of freedom.
+        # These weights define the coordinates: the rate of a coordinate is a weighted sum
+        # of the rates of the pair variables.
         rate_weights=end_states.rate_weights[0],
         whole_turns=TURN * end_states.turns[0],
     ):
@@ -544,7 +545,11 @@ def _describe_joint_limit(
 def _are_loads_finite(
     problem: Problem, t: float, state: Floats, rate_weights: Floats, whole_turns: Floats
 ) -> bool:
-    """Return whether all loads are finite at a state, without computing a Taylor series.
+    """Return whether all loads have finite values at a state.
+
+    The engine integrates by Taylor series, and stops where a series is not finite. The
+    result decides the message: either a load has no finite value, or it has one but no
+    Taylor series.
 
     Parameters
     ----------

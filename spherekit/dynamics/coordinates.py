@@ -217,19 +217,20 @@ def _complete_motion(
 ) -> CoordinateMotion:
     """Return a motion with all derivatives, from the first ones of the pair variables.
 
-    Added are the second derivatives of the variables, the angular velocities of the links
-    with their derivatives, and the status of each row.
+    Derivatives are with respect to m independent coordinates, such as the input angles. The
+    function adds the second derivatives of the variables, and the angular velocities of the
+    links with their derivatives. It also adds a status for each configuration, which tells
+    whether its contacts are possible.
 
     Parameters
     ----------
     linearisation
         n configurations with the Jacobians of their loop-closure equations.
     rates
-        (n, m, variables) derivatives of the variables with respect to each of m
-        coordinates.
+        (n, m, variables) derivatives of the variables with respect to each coordinate.
     closing_inverse
-        (n, variables, equations) matrices that solve the closure equations for changes of
-        the variables, see `_differentiate_rates`.
+        (n, variables, equations) matrices that solve the differentiated closure equations
+        for the second derivatives, see `_differentiate_rates`.
     order
         1 leaves out the second derivatives.
     """
@@ -278,8 +279,8 @@ def _second_derivatives(
     w
         (n, m, links, 3) angular velocities of the links per unit rate of each coordinate.
     closing_inverse
-        (n, variables, equations) matrices that solve the closure equations for changes of
-        the variables, see `_differentiate_rates`.
+        (n, variables, equations) matrices that solve the differentiated closure equations
+        for the second derivatives, see `_differentiate_rates`.
 
     Returns
     -------

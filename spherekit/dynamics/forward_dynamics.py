@@ -107,16 +107,17 @@ def simulate(
         the more accurate simulation is kept and compared with a still more accurate one.
         `Simulation.missed` tells whether the tolerance is still missed.
     engine
-        ``"auto"`` takes the engine that is expected to finish first, or the only engine
-        that supports all loads. The result says which engine was taken, and why.
+        ``"numpy"``, ``"compiled"`` or ``"auto"``. The last one takes the engine that is
+        expected to finish first, or the only engine that supports all loads. The result
+        says which engine was taken, and why.
     compact
         Whether the compiled engine uses the compact mode of heyoka, the library that
         compiles and solves its equations. Without this mode, compiling takes longer, and
         solving takes about a third less time.
     seen
         A function that is called with the simulation so far, every few seconds while the
-        NumPy engine solves it. It is not called if a one-sided contact may end the
-        simulation earlier.
+        NumPy engine solves it. It is never called if the mechanism has one-sided contacts:
+        only afterwards is it known whether the lift-off of a contact ends the simulation.
     angle_unit
         Unit of the numbers of a mapping `start`, ``"rad"`` or ``"deg"`` (and per s). The
         objects `Start` and `PoseStart`, and the result, are in rad.

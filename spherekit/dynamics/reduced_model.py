@@ -492,8 +492,9 @@ class StoredModel:
     def with_torque(self, torque: str | Mapping[str, str]) -> "StoredModel":
         """Return a copy of the model with further loads: torques (N m) at inputs.
 
-        The model consists of a heading, with the names of inputs, loads and functions, and
-        of series for the functions. A new load is an entry in the heading.
+        A model has a heading, which lists its inputs, loads and stored functions. The
+        functions depend on the configuration, and are stored as Chebyshev series. A torque
+        at an input needs no further function. So only the heading changes.
 
         Parameters
         ----------
@@ -531,6 +532,7 @@ class StoredModel:
                 parse(text, load_names(heading.angles))
             except ModelError as error:
                 raise ModelError(f"{heading.mechanism}: torque: {error}") from None
+            # The power of the load is the torque times the rate of this variable.
             loads.append(StoredLoad(name, (f"theta_{pair}",), (text,)))
         # `self.groups` are the series of the functions, which stay the same.
         return StoredModel(replace(heading, loads=tuple(loads)), self.groups)

@@ -693,18 +693,22 @@ class CurveSampler(Sampler):
     def _store_axis_senses(self) -> None:
         """Choose and store a direction of each pole axis that never jumps on the curve.
 
-        A pole is the axis of relative rotation of two links. If a pair (joint) joins the
-        links, the sense of the axis is known and not stored. For other poles the sense is
-        free, but each direction has to make an acute angle with the one before. This
-        condition gives the right sense only if the axis turns little between two samples.
-        An axis may come back reversed after one lap of the curve of configurations. The
-        period of the model is then two laps.
+        A pole is the axis of relative rotation of two links. An axis that is computed at
+        any place of the curve has an arbitrary sense. `_evaluate_directions` gives it the
+        sense of the nearest stored direction. If a pair (joint) joins the links, the sense
+        is known and no direction is stored.
+
+        At the first sample the sense is chosen. Each later direction has to make an acute
+        angle with the one before. This condition gives the right sense only if the axis
+        turns little between two samples. An axis may come back reversed after one lap of
+        the curve of configurations. The period of the model is then two laps.
         """
         # Evenly spaced places on one lap. The last one is where the next lap starts.
         coordinates = self.lap_length * np.arange(SENSE_SAMPLES + 1) / SENSE_SAMPLES
         motion = self._compute_motion(coordinates)
         axes = self._compute_axes_without_pairs(motion)
         self._check_axis_speeds(axes)  # raises an error if an axis turns too much
+        # This vector decides the sense of each axis at the first sample.
         reference = self._choose_reference_direction(motion)
         self.stored_directions: dict[Pole, Floats] = {}
         for pole, axis in axes.items():

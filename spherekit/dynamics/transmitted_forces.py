@@ -737,7 +737,11 @@ def _invert(matrix: Floats) -> InvertedEquations:
 
 
 def _is_axis_in_span(vectors: Floats, is_spanning: Bools) -> Bools:
-    """Return a mask (n, k) of coordinate axes in the subspace that unit vectors span.
+    """Return whether each coordinate axis is in the subspace that some vectors span.
+
+    For the equations A x = b, a coordinate is an unknown or an equation. An unknown is
+    determined if its axis is in the row space of A. An equation can be satisfied for every
+    b if its axis is in the column space.
 
     Parameters
     ----------

@@ -697,8 +697,9 @@ class _MechanismReader:
             self.check_link((*path, "links"), link)
         # `call_model` adds file, line and key to the message of any error in a function.
         centres, shaft_angle = self.call_model((*path, "axes"), find_centres)
-        # The radius of a circle is the half angle of its cone. `check_half_angles`
-        # completes or corrects the second half angle.
+        # The radius of a circle is the half angle of its cone. If the file states only one
+        # half angle, `check_half_angles` adds the second. If both are stated, small
+        # deviations from contact are removed by a change of the second.
         contact = item.get("contact", "external")
         if "teeth" in item:
             radii = self.call_model(

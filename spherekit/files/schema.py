@@ -476,12 +476,20 @@ def _meaning_of_key(key: str, part: Table, kind: Kind) -> str:
 
 
 def _meaning(part: Table) -> str:
-    """Return the description of a part of the schema, as the last sentence of a message.
+    """Return what a value of the file means, as the end of a message about an error.
 
-    Remarks that a value has no unit, or is true or false, are left out, and so is the
-    largest number of tables. Allowed words that the description lacks are added.
+    The text is the description of the value in the schema, for example ". Meaning: mass of
+    the link, in kg". Some remarks of the description are left out: that the value has no
+    unit, that it is true or false, and that a section may have at most 1000 tables. Allowed
+    words that the description lacks are added. For names, the text is the rule for names.
+
+    Parameters
+    ----------
+    part
+        The part of the schema with the rules for the value.
     """
-    if "pattern" in part:  # a name
+    # In the schema only names have a pattern.
+    if "pattern" in part:
         return f"; {_NAME_RULE}"
     text = str(part.get("description", "")).rstrip(".")
     if not text:

@@ -733,10 +733,11 @@ def _curvature_correction(
 def _quaternions(cube: Indices, points: Array) -> Floats:
     """Return the orientations at grid points, as unit quaternions (n, 4) xyzw.
 
-    All orientations are divided into four cubes, one for each component of the quaternion
-    that has the largest magnitude. A quaternion divided by this component has a 1 in its
-    place, and is the same orientation even if the component is negative. The other three
-    components, from -1 to 1, are the coordinates in the cube.
+    An orientation belongs to one of four cubes. The number of the cube is the position of
+    the largest component (in magnitude) of its quaternion. The quaternion is divided by
+    this component, which becomes 1. The orientation stays the same, even if the component
+    is negative: q and -q are the same orientation. The other three components are then from
+    -1 to 1. They are the coordinates in the cube.
 
     Parameters
     ----------

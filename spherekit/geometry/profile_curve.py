@@ -201,8 +201,8 @@ def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Cur
 
     The colatitude (angle from the centre) at the azimuth a is the sum of cosines[k] cos(k
     a) + sines[k] sin(k a). The azimuth runs counter-clockwise about the centre, as
-    `axes_about` defines it. The arc length s is 0 at azimuth 0. Such a curve never meets
-    itself.
+    `axes_about` defines it. The arc length s is 0 at azimuth 0. The curve has one point at
+    each azimuth, so it never meets itself.
 
     Parameters
     ----------
@@ -214,8 +214,9 @@ def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Cur
     Raises
     ------
     ValueError
-        If the centre is not a unit vector, if the colatitude leaves (0, pi), or if the
-        curve has a cusp.
+        If the centre is not a unit vector, a coefficient is not finite, or the colatitude
+        leaves (0, pi). If the colatitude comes so near to 0 or pi that the curve has
+        practically a cusp: its speed is less than `MIN_SPEED_RATIO` times its mean speed.
     """
     # Both series get the same number of orders, padded with zeros.
     cosines = np.ravel(np.array(cosines, dtype=float))

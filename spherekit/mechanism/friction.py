@@ -204,15 +204,15 @@ class Bearings(BearingFriction):
                 )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return the factor of the friction that is known before the reactions.
+        """Return one load component: the factor of the friction that needs no reactions.
 
         The friction moment (N m) is -tanh(v / speed) times the coefficient, the radius and
         the sum of the forces on the bearings. Here v is the rate of the pair, and `speed`
         is the attribute. The forces are known only after the reactions have been computed.
-        The result is therefore a single load component, a magnitude that acts at the pair.
-        Its magnitude is only the factor -tanh(v / speed). The solution of the reactions
-        later multiplies this factor by the coefficient, the radius and the forces. If the
-        coefficient or the radius is 0, the magnitude is 0.
+        A load component is an expression, called its magnitude, and the pair at which it
+        acts. Here the magnitude is only the factor -tanh(v / speed). The solution of the
+        reactions later multiplies this factor by the coefficient, the radius and the
+        forces. If the coefficient or the radius is 0, the magnitude is 0.
         """
         magnitude = f"-tanh(dtheta_{self.pair}/{format_number(self.speed)})"
         if not self.friction_coefficient > 0.0:
@@ -280,15 +280,15 @@ class ContactFriction(BearingFriction):
         return push[..., None, :]
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return the factor of the friction that is known before the reactions.
+        """Return one load component: the factor of the friction that needs no reactions.
 
         The friction moment (N m) is -tanh(v / speed) times the coefficient times the push.
         Here v is the sliding rate, `speed` is the attribute, and the push is the moment of
         the normal force about the centre. The push is known only after the reactions have
-        been computed. The result is therefore a single load component, a magnitude that
-        acts at the pair. Its magnitude is only the factor -tanh(v / speed). The solution of
-        the reactions later multiplies this factor by the coefficient and the push. If the
-        coefficient is 0, the magnitude is 0.
+        been computed. A load component is an expression, called its magnitude, and the pair
+        at which it acts. Here the magnitude is only the factor -tanh(v / speed). The
+        solution of the reactions later multiplies this factor by the coefficient and the
+        push. If the coefficient is 0, the magnitude is 0.
         """
         if not self.friction_coefficient > 0.0:
             return (LoadComponent(parse("0", [])),)

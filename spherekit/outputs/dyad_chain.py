@@ -93,19 +93,20 @@ class ChainDyad:
 
 @dataclass(frozen=True)
 class AxisSource:
-    """The pair and link from which the axis of a requested pair is known earliest.
+    """The earliest placed link from which the axis of a requested pair can be computed.
 
-    Links are placed one after another. If several pairs have their axes on one line, this
-    line is known when the first link with one of these pairs is placed. Example: a link is
-    hinged by pair 1 to an earlier link, its support. Its pair 2 is coaxial with pair 1. The
-    axis of pair 2 is then known from the support, by pair 1.
+    Links are placed one after another. An axis is cheaper to compute from a link that is
+    placed earlier. Several pairs can have their axes on one line. This line is known as
+    soon as one link with one of these pairs is placed. Example: a link is hinged by pair 1
+    to an earlier link, its support. Its pair 2 is coaxial with pair 1. The axis of pair 2
+    is then computed from the support, as the axis of pair 1.
 
     Attributes
     ----------
     pair
         Number of the requested pair, or of another pair on the same axis line.
     link
-        Number of the link with this pair that is placed first.
+        Number of the earliest placed link. It is one of the two links of `pair`.
     sense
         1 if the axis of `pair` has the direction of the requested axis, -1 if it has the
         opposite direction.

@@ -384,13 +384,14 @@ class _GearedMode:
         rests. Beyond the limit the measure itself has no value. Its square can be continued
         and is negative there, so that the limit can be searched from both sides.
 
-        The mechanism without wheels has entry pairs, at which the wheels or the inputs
-        drive it. This mechanism gives a continued square per unit rate of each entry pair.
-        Let r be the derivative of an input with respect to the angle of the entry pair. Per
-        unit rate of the input, the square is divided by r^2.
+        The continued squares are known for the mechanism without wheels
+        (`wheelless_mode`). Its inputs are the entry pairs: the pairs that the wheels or the
+        inputs of the whole mechanism drive. So these squares are per unit rate of an entry
+        pair. They are converted to unit rate of an input: if the input changes by r per
+        unit angle of the entry pair, the square is divided by r^2.
 
-        A pose is out of reach if the square of any entry pair is negative. The least
-        quotient therefore counts.
+        An input can get quotients from several entry pairs. The least one counts, because a
+        pose is out of reach as soon as one square is negative.
 
         Returns
         -------

@@ -352,17 +352,19 @@ class InverseKinematics:
             the output that is possible while this input is locked.
         near
             (n, 3, 3) approximate orientations of the output link, or one (3, 3) for all
-            poses. They are needed only for directions, and only if a bar closes a loop (see
-            `modes`). Then Newton's method finds the rotation of the output link about its
-            direction, starting from `near`. A pose whose start is NaN is OUT_OF_REACH.
+            poses. They are needed only for directions, and only if the modes have the sign
+            of a bar. A bar is a link that fits between its neighbours only at certain
+            rotations of the output link about its direction (see `modes`). Newton's method
+            finds such a rotation, starting from `near`. A pose whose start is NaN is
+            OUT_OF_REACH.
 
         Raises
         ------
         SolveError
             If the poses are not rotations or directions, `modes` is empty, a mode does not
-            exist, or `near` is missing or has a wrong shape. Also if the mechanism, with
-            its output held, consists neither of dyads nor of dyads and a bar. The method
-            `solutions` works for such a mechanism.
+            exist, or `near` is missing or has a wrong shape. Another cause is a mechanism
+            that, with its output held, does not consist of dyads (two links each), or of
+            dyads and a bar. The method `solutions` works for such a mechanism.
         """
         if self.dyads is None and self._closing_link is None:
             raise self.no_closed_form(

@@ -160,7 +160,11 @@ class MidPlane:
         An elbow is the axis between the two links of a leg, as a point of the unit sphere.
         Both links have equal arcs. The elbow lies in the mid-plane, and its angle to the
         base axis of the leg is this arc. Two points fulfil both conditions. The foot is
-        half-way between them.
+        half-way between them. With the other two attributes of the result, the elbows are
+
+            foot +- sqrt(triple_product_square) * direction.
+
+        The square is negative if the leg does not reach the mid-plane.
 
         Parameters
         ----------
@@ -181,11 +185,12 @@ class MidPlane:
         - In the first term e . p = e . b = cos(a). This term is equal for both elbows: it
           is the foot.
         - In the second term n x p = n x b, since p is b less a multiple of n. So e . (n x
-          p) is the triple product t = n . (b x e). The vector (n x p) / cos(h)^2, by which
-          t is multiplied, is the `direction` of the result.
+          p) is the triple product t = n . (b x e), which has opposite signs for the two
+          elbows. The vector (n x p) / cos(h)^2, by which t is multiplied, is `direction`.
 
-        Since e has the length 1, t^2 = cos(h)^2 - cos(a)^2 = sin(a + h) sin(a - h). This
-        product loses no digits near the limit of the reach.
+        The size of t follows because e has the length 1: t^2 = cos(h)^2 - cos(a)^2 =
+        sin(a + h) sin(a - h). The product of sines is computed, because the difference of
+        squares loses digits near the limit of the reach, where t is 0.
         """
         # (n, legs) and (n, legs, 3).
         sine_h = normals @ self.axes.T

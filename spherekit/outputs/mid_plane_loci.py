@@ -482,7 +482,10 @@ class _MidPlaneCurveSearch:
     def _make_curve(
         self, normals: Floats, signs: Integers, is_closed: bool, reason: str
     ) -> CurveSeen:
-        """Return a singular curve, without points that turn out not to belong to it.
+        """Return a curve of singularities of the searched type, I or II, for reports.
+
+        At type I the output rests while an input moves. At type II the output moves while
+        the inputs rest. Points that are not singular, or not of this type, are left out.
 
         Base and output link mirror each other in the mid-plane, a plane through the centre.
         Its unit normal and the signs of the mode determine the configuration, so a curve of
@@ -508,6 +511,8 @@ class _MidPlaneCurveSearch:
         # The residual is 0 at a singular configuration, and large at regular points and
         # where a loop is open.
         is_singular = motions.residual < CLOSURE_TOLERANCE
+        # A point can be of another type than the searched one, because its type considers
+        # all its singular motions. Points with both types I and II are selected.
         has_type = self.report.has_type(points.type)
         selected = np.flatnonzero(is_singular & has_type)
         no_points = points.rows(slice(0))
@@ -515,7 +520,7 @@ class _MidPlaneCurveSearch:
         arc_length = np.append(0.0, np.cumsum(arc(normals[1:], normals[:-1])))
         return CurveSeen(
             points=points.rows(selected),
-            # Points at which types I and II occur together are not searched here.
+            # The points at which types I and II occur together are not listed here.
             both=no_points,
             s=arc_length[selected],
             closed=is_closed and len(selected) == len(normals),

@@ -61,12 +61,13 @@ LegLinks = tuple[int, int]
 def mid_plane_form(
     mechanism: AnyMechanism, output: str | None = None
 ) -> MidPlaneArchitecture:
-    """Return the mid-plane symmetric architecture of a mechanism.
+    """Return the closed forms of a mechanism with mid-plane symmetric architecture.
 
-    In this architecture the end effector is the mirror image of the base. Legs of two links
-    with equal arcs join them, and the middle axes of the legs, the elbows, lie in the plane
-    of the mirror. Links that are hinged to the elbows, the carriers, hold the elbows in
-    this plane.
+    In this architecture the end effector is the mirror image of the base in a plane, the
+    mid-plane. The normal of the mid-plane determines the pose of the end effector. At least
+    three legs of two links with equal arcs lead from the base to the end effector. The axes
+    between the two links of each leg, the elbows, lie in the mid-plane. Other links, the
+    carriers, are hinged to the elbows and hold them in this plane.
 
     Parameters
     ----------

@@ -542,11 +542,14 @@ class NearestPoseSearch:
     def _find_first_inside(
         self, chart: NormalCoordinates, point: Floats, direction: Floats, lengths: Floats
     ) -> Floats | None:
-        """Return a point of a straight path just behind its last border of the workspace.
+        """Return a point inside the workspace, close to where a path enters it.
 
-        Points at the given lengths along the path are tested. The border is behind the last
-        of these points that is outside. The part of the path around the border is then
-        divided in the same way, until this part is shorter than `MIN_GAIN` (rad).
+        The caller moves a point along a straight path, because rounding errors may have put
+        it slightly outside. The result has to be inside, but near the point.
+
+        Points at the given lengths along the path are tested. The path enters the workspace
+        between the last of these points that is outside and the next point. This part of
+        the path is then divided in the same way, until it is shorter than `MIN_GAIN` (rad).
 
         Parameters
         ----------
@@ -560,7 +563,7 @@ class NearestPoseSearch:
 
         Returns
         -------
-        (d,) coordinates of the point inside, or None if the path ends outside.
+        (d,) coordinates of the point inside, or None if the last tested point is outside.
         """
         last = len(lengths) - 1
         while True:
@@ -569,15 +572,15 @@ class NearestPoseSearch:
             first_inside = _count_up_to_last_false(is_inside)
             if first_inside > last:
                 return None
-            # Rounding errors may have decided about the first point inside. The next point
-            # is therefore used.
+            # The first point inside may count as inside only because of rounding errors.
+            # The next point is therefore used.
             length_inside = lengths[min(first_inside + 1, last)]
             if first_inside == 0:
                 break  # no point is outside
             length_outside = lengths[first_inside - 1]
             if (length_inside - length_outside) * _length(direction) < MIN_GAIN:
                 break
-            # Divide the part of the path that contains the border.
+            # Divide the part of the path in which it enters the workspace.
             lengths = np.linspace(length_outside, length_inside, len(lengths))
         inside: Floats = point + length_inside * direction
         return inside

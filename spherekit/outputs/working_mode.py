@@ -28,16 +28,17 @@ from spherekit.tolerances import REACH_SLACK, SINGULAR_DYAD_SINE
 class RateFraction:
     """A rate as a fraction ``numerator . w / denominator``, at n poses.
 
-    The rate is linear in the angular velocity w of the output. At singular configurations
-    the rate can be infinite, while both parts of the fraction are finite. The parts are
-    therefore stored separately.
+    The rate is, for example, that of an input or of another pair. It is a linear function
+    of the angular velocity w of the output. At singular configurations the denominator can
+    be 0. The rate is then infinite, but both parts of the fraction are finite. The parts
+    are therefore stored separately.
 
     Attributes
     ----------
     numerator
-        (3, n) or (3, 1) vector in the axes of the base.
+        (3, n) vector in the axes of the base, or (3, 1) if it is the same at all poses.
     denominator
-        (n,) or (1,) number.
+        (n,) number, or (1,) if it is the same at all poses.
     """
 
     numerator: Floats

@@ -162,7 +162,7 @@ def judge(
     Parameters
     ----------
     kinematics
-        The output, with closed formulas for the inputs at its poses.
+        The output, with closed-form solutions for the inputs at its poses.
     bounds
         The limits of angles that a pose has to keep.
     signs
@@ -330,8 +330,10 @@ def orientation_workspaces(
 
     Parameters
     ----------
-    kinematics, bounds
-        The output with closed formulas, and the limits of angles that a pose has to keep.
+    kinematics
+        The output, with closed-form solutions for the inputs at its poses.
+    bounds
+        The limits of angles, such as joint limits, that a pose has to keep.
     modes
         The requested working modes, each with the signs, 1 or -1, of its legs.
     tolerance
@@ -400,8 +402,10 @@ def nearest_reachable(
 
     Parameters
     ----------
-    kinematics, bounds
-        The output with closed formulas, and the limits of angles that a pose has to keep.
+    kinematics
+        The output, with closed-form solutions for the inputs at its poses.
+    bounds
+        The limits of angles, such as joint limits, that a pose has to keep.
     workspace
         The workspace of one working mode, with the signs of the legs in this mode.
     place
@@ -444,8 +448,11 @@ def nearest_in_mode(
 
     Parameters
     ----------
-    kinematics, bounds
-        The output with closed formulas, and the limits of angles of its workspace.
+    kinematics
+        The output, with closed-form solutions for the inputs at its poses.
+    bounds
+        The limits of angles, such as joint limits, that a pose in the workspace has to
+        keep.
     signs
         The signs, 1 or -1, of the legs in the working mode (way to assemble the legs).
     places
@@ -496,7 +503,7 @@ def nearest_poses(
     Parameters
     ----------
     kinematics
-        The output, with closed formulas for the inputs at its poses.
+        The output, with closed-form solutions for the inputs at its poses.
     places
         The n poses outside: (n, 3) directions or (n, 4) unit quaternions xyzw.
     signs

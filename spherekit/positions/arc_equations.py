@@ -204,8 +204,9 @@ class GroupGeometry:
     def measure_pair_angles(self, orientations: Floats) -> Floats:
         """Return the angles of all pairs at orientations of the bodies at the first sample.
 
-        A pair has a frame in each of its two bodies, with z along its axis. The angle leads
-        about z from the x axis of the first frame to that of the second.
+        A pair has a frame in each of its two bodies. The z axes of both frames are the axis
+        of the pair. The angle of the pair is the rotation about z from the x axis of the
+        first frame to the x axis of the second frame.
 
         Parameters
         ----------
@@ -228,18 +229,21 @@ class GroupGeometry:
         return pair_angle(first_frames, second_frames)
 
     def measure_pair_angles_at(self, orientations: Floats, samples: Indices) -> Floats:
-        """Return the angles of all pairs at orientations that belong to several samples.
+        """Return the angles of all pairs in configurations at different samples.
 
-        The angle of a pair leads about its z axis from the x axis of its frame in the first
-        body to that in the second. A sample is one choice of the inputs. A body can consist
-        of links whose relative positions depend on the inputs, and so do the pair frames in
-        the body.
+        A pair has a frame in each of its two bodies. The z axes of both frames are the axis
+        of the pair. The angle of the pair is the rotation about z from the x axis of the
+        first frame to the x axis of the second frame.
+
+        A sample is one choice of the inputs. A body can consist of several links whose
+        relative positions depend on the inputs. The frames in such a body differ from
+        sample to sample, so the sample of each configuration is needed.
 
         Parameters
         ----------
         orientations
             (k, bodies, 3, 3) rotations from the axes of each body to those of the first
-            body.
+            body, in k configurations.
         samples
             (k,) index of the sample to which each configuration belongs.
 

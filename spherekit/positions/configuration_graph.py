@@ -329,12 +329,11 @@ class ConfigurationGraph:
     def _add_missing(self, sample: Indices, values: Floats) -> Indices:
         """Add configurations that are no nodes yet, equal ones as a single node.
 
-        A node is one configuration at one sample (choice of the inputs). The sign of the
-        determinant of its closure Jacobian is stored with it. Configurations with opposite
-        signs do not count as equal, because a singular configuration separates them. The
-        sign of a nearly singular configuration is not reliable and not compared. So this
-        configuration can be equal to two others with opposite signs. All three can then
-        become one node.
+        A node is one configuration at one sample (choice of the inputs). Configurations
+        whose closure Jacobians have determinants of opposite signs do not count as equal,
+        because a singular configuration separates them. A nearly singular configuration has
+        no reliable sign, so it can be equal to two others that have opposite signs.
+        Depending on their order, all three may then become one node.
 
         Parameters
         ----------
@@ -349,7 +348,8 @@ class ConfigurationGraph:
         """
         signs = self._determinant_signs(values)
         # Of equal configurations only the first becomes a node, which represents all of
-        # them. The first configuration represents itself.
+        # them. `representative` has its index for each configuration, so the first one has
+        # its own index.
         representative = self._find_equal(sample, values, signs)
         (rows_of_new_nodes,) = np.nonzero(representative == np.arange(len(sample)))
         new_nodes = self._append_nodes(
@@ -358,7 +358,7 @@ class ConfigurationGraph:
             signs=signs.select(rows_of_new_nodes),
         )
         # For each configuration, the position of its representative among the new nodes.
-        # `searchsorted` finds it, because `rows_of_new_nodes` rises.
+        # `searchsorted` finds it, because `rows_of_new_nodes` is in ascending order.
         position = np.searchsorted(rows_of_new_nodes, representative)
         return new_nodes[position]
 
@@ -417,8 +417,8 @@ class ConfigurationGraph:
     ) -> Indices:
         """Return, for each configuration, the one of them that represents it.
 
-        The representative is the earliest configuration that is equal. If another one
-        represents it, that one represents both.
+        The representative is the earliest configuration that is equal. If this one is
+        itself represented by an even earlier one, the even earlier one represents both.
 
         Parameters
         ----------

@@ -447,21 +447,23 @@ class CurveContinuation(ABC, Generic[Node]):
         return is_middle_predicted & np.all(is_good, axis=1)
 
     def collect_nodes(self, row: int) -> Node:
-        """Return all nodes of a curve in order, the first node included.
+        """Return all nodes of a curve in order, as rows of one object.
 
-        A closed curve ends with a copy of its start node.
+        While curves are followed, nodes are stored by rounds of steps. This method gathers
+        the nodes of one curve. The first is the start node. A closed curve ends with a copy
+        of its start node.
         """
         nodes = [self.start_nodes.rows(slice(row, row + 1))]
-        # Each item of the trail (list of rounds of steps) has the curves of one round, and
-        # a node of each.
+        # `_trail` has an item for each round: the indices (k,) of the curves that got a new
+        # node in this round, and these nodes (k).
         for rows, new_nodes in self._trail:
             if row in rows:
                 nodes.append(new_nodes.rows(rows == row))
         all_nodes = self.start_nodes.concatenate(nodes)
         is_kept = np.ones(len(all_nodes.values), dtype=bool)
         if self.is_closed[row]:
-            # The last node is the copy of the start. The node before the copy is left out
-            # if it is practically the same point.
+            # The last node is the copy of the start node. The node before the copy is left
+            # out if it is practically the same point.
             last_chord = max_abs(all_nodes.values[-1] - all_nodes.values[-2])
             is_kept[-2] = last_chord >= NEAR_END_RAD
         return all_nodes.rows(is_kept)

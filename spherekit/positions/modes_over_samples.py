@@ -313,9 +313,13 @@ class SampledModes:
     def _reach_reference(self, is_enumerated: bool) -> int | None:
         """Return a node of the graph that belongs to the mode of the reference pose.
 
-        The reference pose is the configuration that the file describes. A node of the graph
-        is one configuration at one sample. Verified steps lead from the pose to the
-        samples. The configurations that they reach are called a sheet.
+        The reference pose is the configuration that the file describes. Its assembly mode
+        gets the number 0 in `_collect_modes`. A node of the graph is one configuration at
+        one sample, and joined nodes are a mode. So one node is enough to identify the mode.
+
+        The pose itself need not be at a sample. Verified steps lead from the pose to the
+        samples. The configurations that they reach are called a sheet, and the result is
+        the first of them that is a node.
 
         Parameters
         ----------

@@ -44,7 +44,8 @@ class Motion(ArrayRows):
     Attributes
     ----------
     mechanism, joints, assembly
-        The mechanism, the joints of its pairs, and its groups in solving order.
+        The mechanism, its pairs with their geometry (joints), and its groups of links in
+        the order in which they are placed.
     assembly_modes
         The modes whose rows follow each other. Empty if they were not determined.
     samples

@@ -634,14 +634,19 @@ def _have_equal_orientations(
 ) -> bool:
     """Return whether bodies have equal relative orientations in two configurations.
 
+    This is a part of the test whether two configurations differ only by whole revolutions
+    of wheels that touch (`_is_repetition`).
+
     Parameters
     ----------
     rotations, other_rotations
-        (bodies, 3, 3) rotations from body axes to those of body 0, in each configuration.
+        (bodies, 3, 3) rotations from the axes of each body to those of body 0, in the two
+        configurations.
     reference_body
         Index of the body relative to which the orientations are compared.
     ignored_bodies
-        Indices of the bodies that may differ.
+        Indices of bodies that are not compared: wheels that have rolled on to another point
+        of their profiles.
 
     Returns
     -------

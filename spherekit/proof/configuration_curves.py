@@ -407,11 +407,17 @@ class CertifiedCurves:
     def input_paths(self) -> list[Floats]:
         """For each configuration curve the input's variable (rad) at points along it.
 
-        Between the listed points the variable is monotonic, so modes can be counted from
-        them. A curve is a chain of pieces (boxes with one arc each). The points are the
-        centres of pieces, all stationary points, and the saddles at the ends of the chain.
-        A saddle is a place where curves cross or nearly do. Whole turns of the variable are
-        counted. Curves along which the input is constant are left out.
+        `count_modes_at` counts how often the curves pass an input. Each passage is one
+        mode. The listed points are enough for this, because the variable is monotonic
+        between them.
+
+        A curve is stored as a chain of boxes in the space of all variables. Each box
+        contains one arc (piece) of the curve. The points are the centres of the boxes, all
+        stationary points of the variable, and the saddles at the ends of the chain. A
+        saddle is a place where curves cross or nearly do.
+
+        The variable is not reduced to one turn: it continues to grow or fall over whole
+        turns. Curves along which the input is constant are left out.
         """
         paths = []
         for chain, points, arms, is_constant in zip(
@@ -424,8 +430,8 @@ class CertifiedCurves:
             if is_constant:
                 continue
             positions = _list_positions(chain, points)
-            # A chain can end at a saddle, on one of the branches of curves that leave the
-            # saddle (arms). None for an end at no saddle.
+            # An arm is a branch of the curves that leave a saddle. Each end of the chain
+            # has an arm, or None if this end is at no saddle.
             first_arm, last_arm = arms
             if first_arm is not None:
                 positions.insert(0, self._saddle_centre(first_arm))
@@ -565,7 +571,8 @@ class CertifiedCurves:
 def _list_positions(chain: Chain, points: StationaryPoints) -> list[Floats]:
     """Return the centres of the pieces of a chain, and its stationary points, in order.
 
-    A chain is a configuration curve as a row of pieces, boxes with one arc each.
+    A chain stores a configuration curve as a row of boxes. Each box contains one arc
+    (piece) of the curve.
 
     Parameters
     ----------

@@ -223,16 +223,19 @@ class CurveSearch:
     def resolve_undecided(self, undecided: BoxSet) -> BoxSet:
         """Search saddles in undecided boxes, and return the boxes outside all saddles.
 
-        Boxes are in the space of all variables. A saddle is a place where configuration
-        curves cross or narrowly miss each other. A curve cannot be followed there, so boxes
-        near a saddle stay undecided: not proven to be empty, nor inside the box of a known
-        curve.
+        The search divides the space of all variables into boxes, to prove that all
+        configuration curves are known. A box is decided if it is proven to have no
+        configuration, or if it is inside a box that a known curve passes alone. The
+        returned boxes remain undecided: they may contain configurations on unknown curves.
 
-        A known curve is stored as a chain, a row of arcs. Chains that pass a new saddle are
-        divided there. Four branches of curves, the arms, leave a saddle. Every arm needs a
-        chain, because modes are counted by chains.
+        A saddle is a place where curves cross or narrowly miss each other. Curves cannot be
+        followed there, so boxes near a saddle are undecided until it is found. Four
+        branches of curves, the arms, leave a saddle.
+
+        A known curve is stored as a chain, a row of arcs. A chain that passes a new saddle
+        is divided there. Every arm needs a chain, because modes are counted by chains.
         """
-        # Some saddles were found after boxes inside them had been left undecided.
+        # A box may have been left undecided before a saddle that contains it was found.
         undecided = self._drop_boxes_in_saddles(undecided)
         for _ in range(MAX_SADDLES):
             new_saddle = self._add_saddle_near(undecided.centres)
@@ -240,8 +243,8 @@ class CurveSearch:
                 break
             self._cut_chains([new_saddle])
             undecided = self._drop_boxes_in_saddles(undecided)
-        # No curve was followed on an arm that leaves the range of the input at once. Such a
-        # short arm gets a chain of one arc.
+        # Curves are followed only within the range of the input. An arm that leaves this
+        # range inside the box of its saddle has no chain yet. It gets a chain of one arc.
         self._add_chains_of_short_arms()
         return undecided
 
@@ -335,12 +338,16 @@ class CurveSearch:
             self._follow_parts(chain)
 
     def _follow_parts(self, old_chain: Chain) -> None:
-        """Follow a curve again after new saddles were found on it, in parts between them.
+        """Follow the curve of a removed chain again, as chains that end at saddles.
 
-        A saddle is a place where curves cross or nearly do. The old chain, a row of arcs
-        (pieces), ran through new saddles and was removed. Curves through the centres of its
-        arcs are added, and now end at the saddles. If an arc is then neither on a known
-        curve nor near a saddle, `has_lost_piece` is set.
+        A chain is a configuration curve as a row of arcs (pieces). A saddle is a place
+        where curves cross or nearly do. Every chain must end there, but the old chain may
+        have passed new saddles. It was removed, and the curve through the centre of each of
+        its arcs is now followed again.
+
+        Each arc should then be in the box of a new arc or of a saddle. Otherwise a part of
+        the curve is lost, and `has_lost_piece` is set. `problems` then reports that modes
+        are not counted.
         """
         pieces = self._pieces_in_range(old_chain)
         for piece in pieces:

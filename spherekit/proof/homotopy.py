@@ -95,9 +95,10 @@ class HomotopyStart:
     ----------
     start_and_goal
         For each equation the coefficients of polynomials in z = e^(i angle) of the
-        unknowns: an array (1, 2, d_1 + 1, d_2 + 1, ...). The first axis is for several
-        inputs; here there is one. The second axis has the start system and the goal. Each
-        unknown then has an axis of powers from 0 to its degree d.
+        unknowns: an array (1, 2, d_1 + 1, d_2 + 1, ...). The first axis is required by
+        `ChartRoots.evaluate`, which can take several sets of coefficients. Here there is
+        one set. The second axis has the start system and the goal. Each unknown then has an
+        axis of powers from 0 to its degree d.
     solutions
         (n, k) values of z for the k unknowns in all n solutions at t = 0.
     """
@@ -311,9 +312,10 @@ def _evaluate_homotopy(
     ----------
     start_and_goal
         For each equation the coefficients of polynomials in z = e^(i angle) of the
-        unknowns: an array (1, 2, d_1 + 1, d_2 + 1, ...). The first axis is for several
-        inputs; here there is one. The second axis has the start system and the goal. Each
-        unknown then has an axis of powers from 0 to its degree d.
+        unknowns: an array (1, 2, d_1 + 1, d_2 + 1, ...). The first axis is required by
+        `ChartRoots.evaluate`, which can take several sets of coefficients. Here there is
+        one set. The second axis has the start system and the goal. Each unknown then has an
+        axis of powers from 0 to its degree d.
     points
         The n points. A coordinate is z of an unknown, or 1 / z if z is large, so that it is
         always finite. Derivatives are with respect to this coordinate.

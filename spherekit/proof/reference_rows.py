@@ -336,15 +336,17 @@ def _largest_distance_from_row(motion: Motion) -> Floats:
 def exact_motion(motion: Motion, rows: Bools, reference: ExactRows) -> Motion:
     """Return some rows of a motion, with configurations replaced by reference values.
 
-    A row is one configuration. Reference values have many digits, and are rounded to
-    float64 here. The stored closure residual is that before the rounding.
+    A row is one configuration. Its reference values are computed in many digits, and serve
+    to measure the errors of a run. They are rounded to float64 here. Analyses can then
+    compute reference tables from the returned motion. The stored closure residual is the
+    one before the rounding.
 
     Parameters
     ----------
     motion
         The motion.
     rows
-        (n,) the rows of the motion to which the reference values belong.
+        Mask (n,) of the rows of the motion to which the reference values belong.
     reference
         The reference values of these rows.
     """

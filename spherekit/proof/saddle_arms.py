@@ -294,13 +294,16 @@ def _bound_arm_slopes(hessian: Array, relative_form_error: float) -> ArmSlopes:
 def _evaluate_direction(
     derivatives: SaddleDerivatives, slope: float, relative_gradient_error: float
 ) -> DirectionRates:
-    """Return the gradient of g and the signs of all rates at points v = slope u, u > 0.
+    """Return the gradient of g and the signs of all rates in one direction from a saddle.
 
-    The configurations near a saddle are the curves g(u, v) = 0 in two coordinates, with u =
-    v = 0 at the saddle. A curve that passes through such a point has the tangent (-g_v,
-    g_u) there. The signs say which variables grow and which fall along this tangent. The
-    gradient is computed at u = 1. At other points it is proportional to u, so the signs are
-    the same.
+    Configuration curves g(u, v) = 0 cross or nearly do at the saddle, u = v = 0. A curve
+    through a point (u, v) has the tangent (-g_v, g_u) there. The signs say which variables
+    grow and which fall along this tangent. `SectorRates` derives from the signs in two
+    directions those in all directions between them.
+
+    The points in the direction are those with u > 0 and v = slope * u. The gradient is
+    computed at u = 1. Up to a bounded error it is the linear function g'' (u, v)^T, so it
+    is proportional to u at the other points. The signs are therefore the same there.
 
     Parameters
     ----------
@@ -605,14 +608,16 @@ def _bound_distance_from_saddle(hessian: Array, level: Ball) -> float:
 def _evaluate_sector_about_v_axis(
     derivatives: SaddleDerivatives, arm_slopes: ArmSlopes, relative_gradient_error: float
 ) -> SectorRates:
-    """Return the signs of rates in the directions about the positive v axis.
+    """Return the signs of rates at both edges of a sector about the positive v axis.
 
     A saddle is at u = v = 0. An arc of a configuration curve g(u, v) = 0 passes near the
     saddle, at v > 0. The arc joins two arms (branches): one with a slope v / u > 0 and one
-    with a slope < 0. Each slope has two bounds. The whole arc is between the directions of
-    the flat bounds, those of smaller magnitude. Rates are derivatives of the variables
-    along the curve, nearly linear functions of u and v. A sign that is equal in both
-    directions is therefore valid between the directions.
+    with a slope < 0. Each slope is known between two bounds. The edges of the sector are
+    rays from the saddle, one for each arm. Their slopes are the bounds of smaller magnitude
+    (the flat ones), so the sector contains the whole arc.
+
+    Rates are derivatives of the variables along the curve, nearly linear functions of u and
+    v. A sign that is equal at both edges is therefore valid in the whole sector.
 
     Parameters
     ----------
@@ -626,8 +631,8 @@ def _evaluate_sector_about_v_axis(
     above_u_axis = _evaluate_direction(
         derivatives, arm_slopes.positive.flat, relative_gradient_error
     )
-    # A direction (1, slope) has u > 0. With a negative slope it has v < 0. The opposite
-    # direction has v > 0.
+    # With a negative slope, the direction (1, slope) has v < 0. The edge of the sector has
+    # v > 0, so it is the opposite direction.
     below_u_axis = _evaluate_direction(
         derivatives, arm_slopes.negative.flat, relative_gradient_error
     )
@@ -637,14 +642,16 @@ def _evaluate_sector_about_v_axis(
 def _evaluate_sector_about_u_axis(
     derivatives: SaddleDerivatives, arm_slopes: ArmSlopes, relative_gradient_error: float
 ) -> SectorRates:
-    """Return the signs of rates in the directions about the positive u axis.
+    """Return the signs of rates at both edges of a sector about the positive u axis.
 
     A saddle is at u = v = 0. An arc of a configuration curve g(u, v) = 0 passes near the
     saddle, at u > 0. The arc joins two arms (branches): one with a slope v / u > 0 and one
-    with a slope < 0. Each slope has two bounds. The whole arc is between the directions of
-    the steep bounds, those of larger magnitude. Rates are derivatives of the variables
-    along the curve, nearly linear functions of u and v. A sign that is equal in both
-    directions is therefore valid between the directions.
+    with a slope < 0. Each slope is known between two bounds. The edges of the sector are
+    rays from the saddle, one for each arm. Their slopes are the bounds of larger magnitude
+    (the steep ones), so the sector contains the whole arc.
+
+    Rates are derivatives of the variables along the curve, nearly linear functions of u and
+    v. A sign that is equal at both edges is therefore valid in the whole sector.
 
     Parameters
     ----------
@@ -655,7 +662,7 @@ def _evaluate_sector_about_u_axis(
     relative_gradient_error
         Bound of the error of g_u and g_v, divided by the larger of |u| and |v|.
     """
-    # The border directions (1, slope) have u > 0.
+    # Both edges are directions (1, slope), with u > 0.
     above_u_axis = _evaluate_direction(
         derivatives, arm_slopes.positive.steep, relative_gradient_error
     )

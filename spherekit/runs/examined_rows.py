@@ -571,10 +571,16 @@ class ExaminedRows:
     ) -> None:
         """Note that an output turns back between two rows, and extend its range to there.
 
-        If the output rests in rows between both rows, it turns back in these. Otherwise, if
-        the rate is nearly linear between both rows, the place and the angle of the turning
-        point are interpolated. If the rate is not linear, only the two rows are noted. The
-        error of an angle that no row has is always noted.
+        There are three cases:
+
+        - The output rests in rows between both rows. It turns back in these.
+        - The rate is nearly linear between both rows. The place and the angle of the
+          turning point are interpolated, and the error of this angle is estimated.
+        - The rate is not linear. Only the places of the two rows are noted. A bound tells
+          how far the angle can go beyond the angles of both rows.
+
+        The estimate or the bound is noted in the overview. The summary of the run states
+        the largest one as the amount by which the true range may exceed the range found.
 
         Parameters
         ----------

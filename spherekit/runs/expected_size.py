@@ -190,10 +190,11 @@ class CostExtrapolation:
     def predict(self, *keys: str) -> int:
         """Return a predicted cost of a long run, such as the size of a table.
 
-        The cost is extrapolated from two short runs. If there are many poles (axes of the
-        relative rotation of two links), these runs have only the table of the motion. All
-        other costs are measured in a third run of a few samples, and multiplied by the
-        ratio of the numbers of samples.
+        The cost is usually extrapolated from two short runs with all tables. If there are
+        many poles (axes of the relative rotation of two links), such runs would take too
+        long. The two short runs then compute only the table of the motion, which is fast.
+        All other costs are measured in a third run of very few samples. They are multiplied
+        by the ratio of the numbers of samples.
 
         Parameters
         ----------

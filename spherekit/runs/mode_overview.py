@@ -272,8 +272,9 @@ class OutputOverview:
             (m,) determinants at the m samples of a block, NaN where there is none.
         senses
             (m,) sign of the product of the rates of all inputs in a simulation, otherwise
-            0. A change of this sign shows that an input turns back. Samples before and
-            after such a change are not compared.
+            0. A change of this sign shows that an input turns back. The velocity per unit
+            rate of this input can then change its sign without a singularity of type I.
+            Samples before and after the change are therefore not compared.
         places
             (m,) places of the samples.
         """

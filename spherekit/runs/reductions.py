@@ -59,7 +59,8 @@ class Reduction:
         Its meaning in a few words.
     reduce
         Function that returns the reduced value (n,) of each mode. It ignores NaN, and
-        returns NaN if all values are NaN. Infinite values count, except for the swing.
+        returns NaN if all values are NaN. Infinite values count. Only the swing, the range
+        of an angle with whole turns counted, treats them like NaN.
     weights
         Function that returns the derivatives (k,) of the number with respect to the values
         at the k samples, for a single mode. Its arguments are the values and the number.

@@ -242,7 +242,8 @@ class RunResult:
     def show(self) -> None:
         """Show the drawings of the whole run (its recording) in a notebook.
 
-        The first call repeats the run, unless `plot` has done that before.
+        Results do not store drawings, because they are large. The first call therefore
+        repeats the run, unless `plot` has repeated it before.
 
         Raises
         ------

@@ -20,7 +20,8 @@ class Deviation:
     `spherekit.runs.trade` also compares runs with different values of a parameter of an
     analysis, such as its tolerance. Their columns can have different numbers of rows. Each
     number is therefore compared with the nearest reference value, and each reference value
-    with the nearest number (comparison by nearest values).
+    with the nearest number (comparison by nearest values). Only rows with the same texts,
+    such as the kind of a singularity, are compared.
 
     Attributes
     ----------
@@ -36,11 +37,13 @@ class Deviation:
         of this column alone.
     compared
         Number of comparisons, including those that `missing` counts: one for each reference
-        value. A comparison by nearest values also has one for each number in the column.
+        value. A comparison by nearest values also has one for each number whose texts
+        occur in the reference. Two tables without any position count as one comparison.
     missing
         Number of reference values for which the table has no number. In a comparison by
-        nearest values of positions (such as dead centres), also of numbers for which there
-        is no reference value.
+        nearest values, these are the values whose texts occur in no row of the table with a
+        number. If the values are positions (such as dead centres), numbers whose texts
+        occur in no row of the reference are counted, too.
     estimate
         Largest error that the analysis itself estimates, divided by the largest value in
         the column. NaN without an estimate.

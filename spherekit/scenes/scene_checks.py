@@ -114,19 +114,21 @@ TEXT_FIELDS = (
 class _SceneRows:
     """The numbers of rows and columns that the arrays of a scene must have.
 
-    A scene is what an analysis draws over the samples of a block, or over axes of its own,
-    such as the angle of a rotation.
+    A scene is a drawing of an analysis. Its values are plotted over the samples of the run,
+    which arrive in blocks. A scene can also have its own axes (`Scene.over`), such as the
+    angle of a rotation. Its values are then plotted over the values of these axes.
 
     Attributes
     ----------
     count
         Number of rows: that of the samples of the block, or of the values of the axes.
     input_column_counts
-        Allowed numbers of columns of the field `inputs` of marks (`InputMarks`).
+        Allowed numbers of columns of the array `InputMarks.inputs`. Each row of this array
+        is a mark at a place on the axes of the plots.
 
         - In a scene over samples, a mark has a value of each input, or a single number such
           as a time.
-        - In a scene over axes of its own, a mark has a value of each axis.
+        - In a scene with its own axes, a mark has a value of each axis.
 
     words
         What the rows are, in words for messages, such as "the 361 samples of the block".

@@ -408,10 +408,13 @@ def local_minima(
 def _has_only_distant_dyads(
     sampled: SampledSingularities, values: Floats, output: int, near: float
 ) -> bool:
-    """Return whether dyads place an output, and none of them is near its dead centre.
+    """Return whether only dyads place an output, none of them near its dead centre.
 
     A dyad is two links in series. At its dead centre it is stretched or folded, which is a
-    singularity of type II. The result is False if other groups of links place the output.
+    singularity of type II. If no dyad is near it, the distance of the whole mechanism from
+    type II is small only because links have short arcs. Such a place is not reported as a
+    near miss. The result is False if another group of links helps to place the output, or
+    if no group does.
 
     Parameters
     ----------
@@ -425,7 +428,7 @@ def _has_only_distant_dyads(
         Largest distance from a dead centre that is near (rad).
     """
     (least_angle,) = sampled.least_dyad_angle(values, output)
-    # The angle is NaN, and the comparison False, if other groups place the output.
+    # The angle is NaN, and the comparison False, if not only dyads place the output.
     return bool(least_angle > near)
 
 

@@ -1,8 +1,8 @@
-"""The part of a mechanism that determines the positions of some links.
+"""The part of a mechanism that determines the positions of the output links.
 
-Links that are attached to this part multiply the assembly modes and curves, and do not
-affect the links of interest, unless the attached links stop the input. A group is left
-out only if it has no dead centre at any input.
+Singularities of the output are searched on this part alone. Links that are attached to it
+do not affect the output, but multiply the assembly modes and curves to be searched. They
+are left out only if they add no dead centre, at which they would stop the input.
 """
 
 from collections.abc import Iterable
@@ -34,12 +34,14 @@ the part."""
 
 @dataclass(frozen=True)
 class PlacingPart:
-    """The part of a mechanism that determines the positions of some links.
+    """The part of a mechanism that determines the positions of the output links.
 
-    All other links follow this part without an effect on the links of interest. The part is
-    the whole mechanism if nothing can be left out. An assembly mode is one of the ways to
-    assemble the links at the same input. Each mode of the whole mechanism contains one mode
-    of the part.
+    All other links follow this part without an effect on the output. The part has fewer
+    configurations than the whole mechanism, so singularities of the output are searched on
+    the part. The part is the whole mechanism if nothing can be left out.
+
+    An assembly mode is one of the ways to assemble the links at the same input. Each mode
+    of the whole mechanism contains one mode of the part.
 
     Attributes
     ----------
@@ -169,7 +171,7 @@ def _match_modes(
 ) -> dict[int, tuple[int, ...]] | None:
     """Return the assembly modes of the whole mechanism that contain each mode of a part.
 
-    The part has only the links that determine the positions of the links of interest. It is
+    The part has only the links that determine the positions of the output links. It is
     examined in place of the whole mechanism. Its results then apply to the modes of the
     whole that this function finds.
 

@@ -69,8 +69,9 @@ class Column:
 
         - ``"absolute"``: They are absolute.
         - ``"largest"``: They are relative to the largest number among the columns of the
-          table with the same unit. Derivatives, for example in N m/rad, can be mere
-          rounding errors. Their errors are then relative to the columns in N m.
+          table with the same unit. There is one exception: columns in N m/rad, for
+          example, contain only rounding errors if the columns in N m are constant. Errors
+          in N m/rad are then relative to the largest number in N m.
         - ``"unit"``: They are absolute for columns in rad, and as with ``"largest"`` for
           other units.
         - ``"none"``: They are not measured, because the column describes the computation
@@ -83,8 +84,9 @@ class Column:
         - ``"vector"``: The column is a component of a vector in ground axes. The components
           x, y, z are in successive columns.
         - ``"otherwise"``: The column changes in another way, as an azimuth does. The column
-          is not compared. If it is a text, no column of the table is compared. The same
-          applies if the rows of the table do not belong to samples in assembly modes.
+          is not compared. In two cases the rotated mechanism may have other rows, and no
+          column of the table is compared. In the first case, the column is a text. In the
+          second case, the rows do not belong to samples in assembly modes.
     on_request
         Name of the parameter of the analysis that requests the column. The table has the
         column only if the parameter differs from its default. Empty: it always has it.

@@ -248,8 +248,9 @@ def append_profile_columns(
 
     A profile is the curve along which the contact point moves on a link. Its columns are
     the tangent and the point of the curve in link axes, its curvature and the derivative of
-    the curvature, at the contact. Compiled functions need them as arguments. The columns
-    are functions of the arc length, which is the value of a variable plus a start.
+    the curvature, at the contact. Compiled functions need them as arguments. Each profile
+    has a series in the arc length from which its columns are computed. The arc length is
+    the value of a variable plus a start.
 
     Parameters
     ----------
@@ -258,9 +259,9 @@ def append_profile_columns(
     profiles
         The profiles that have columns.
     expansion_point
-        (variables, n) float64 values near `values`. With this point, the series are
-        evaluated there in float64 and extrapolated linearly. Complex or quad-precision
-        `values` need the point, because series accept only float64.
+        (variables, n) float64 values near `values`, required if `values` are complex or
+        have quad precision. The series accept only float64. They are evaluated at this
+        point, and the columns are extrapolated linearly from there to `values`.
 
     Returns
     -------

@@ -64,6 +64,9 @@ class CarriedVector:
     The vector of a contact turns with a link, and changes relative to this link as the
     contact moves along a profile (a curve of the link).
 
+    The lengths and the upper bound are for bounds of errors and of rates. For example, a
+    small error of the variable changes the vector by about this error times `slide_length`.
+
     Attributes
     ----------
     vector
@@ -71,16 +74,17 @@ class CarriedVector:
     link
         Index of the link that carries the vector.
     length
-        Length of `vector`, as a shorter expression.
+        Length of `vector`. The expression is shorter than the norm of the components.
     slide
         (3,) derivative of the vector with respect to the variable, as seen from the link,
         in ground axes. None if the vector is fixed in the link.
     slide_length
-        Length of `slide`, as a shorter expression.
+        Length of `slide`, 0 if there is no slide. The expression is shorter than the norm
+        of the components.
     slide_change_bound
-        Upper bound of the length of the derivative of `slide` with respect to the variable.
-        If the variable has a small error, the error of `slide` is at most this bound times
-        the error of the variable.
+        Parts of an upper bound of the length of the derivative of `slide` with respect to
+        the variable. Their sum is `slide_change_bound.total`. If the variable has a small
+        error, the error of `slide` is at most this sum times the error of the variable.
     """
 
     vector: Exprs

@@ -237,8 +237,9 @@ class DesignExpressions:
 
         A profile is the curve along which a link touches another link. If the curve is not
         a circle, symbols describe it at the point of contact: tangent, point, curvature,
-        and the derivative of the curvature. These symbols, the profile columns, are treated
-        like further sizes.
+        and the derivative of the curvature. These symbols are called profile columns. A
+        change of the design can also change the profile, and so the values of these
+        symbols. The caller needs the derivatives with respect to them for the chain rule.
 
         Parameters
         ----------

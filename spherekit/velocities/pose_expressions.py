@@ -23,8 +23,12 @@ class LinkOrientation:
     """The orientation of a link as a product of an expression and a constant.
 
     The rotation R = basis @ basis_from_link converts from link axes to ground axes. The
-    factors are stored separately: a vector that is fixed in the link has constant
-    components along the columns of `basis`, which shortens expressions.
+    basis is a frame that is fixed in the link. It can differ from the frame of the link
+    axes: for a link placed by an R pair (revolute pair), its z axis is the axis of the
+    pair.
+
+    The factors are not multiplied, because the product has longer expressions than `basis`.
+    A vector in link axes is instead multiplied by the constant factor first.
 
     Attributes
     ----------

@@ -68,8 +68,9 @@ def recompute_in_quad(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     """Compute all columns (quantities) of rows in quad precision.
 
     A row is a configuration for which float64 loses too many digits. Newton's method first
-    closes its loops to 33 digits. The result also has numbers for error bounds, such as the
-    changes of the columns if loops open a little.
+    closes its loops to 33 digits. The remaining errors are caused by link sizes that are
+    rounded to float64, because exact sizes would open the loops by tiny angles. To bound
+    these errors, the result also has the change of each column per opening of the loops.
 
     Parameters
     ----------

@@ -413,19 +413,19 @@ class PageMaker:
         return tuple(variable_keys)
 
     def _omit_axes_by_directions(self, keys: Names) -> Names:
-        """Remove the keys of axes that the mechanism file does not state as numbers.
+        """Return the keys without those of axes that the file states by two directions.
 
-        In a P pair (joint) one link slides along an arc of a great circle on the other
-        link. The axis of the pair is the normal of the plane of this circle. If the file
-        states two directions on the arc, no number of the axis can have a slider, and a
-        note is added.
+        Each key that is returned gets a slider. In a P pair (joint) one link slides along
+        an arc of a great circle on the other link. The axis of the pair is the normal of
+        the plane of this circle. The mechanism file can state the axis by two directions on
+        the arc. Such an axis has no numbers of its own in the file that a slider could
+        vary. Its keys are left out, and a note is added.
 
         Parameters
         ----------
         keys
-            Keys of numbers in the file. The keys of the pair NAME begin with
-            ``pairs.NAME``. The keys of pairs among them all belong to axes, so all keys of
-            a P pair without such an axis are removed.
+            Keys of sizes (see `default_size_keys`). Keys that begin with ``pairs.NAME``
+            are the longitude and the latitude of the axis of the pair NAME.
         """
         pairs_without_axis = [
             name

@@ -111,21 +111,26 @@ class Charts:
         axes: tuple[Axis, ...],
         row_count: int,
     ) -> None:
-        """Log the cursors and legends of charts for one block of rows (samples).
+        """Write the cursors and legends of charts for one block of rows (samples).
+
+        The cursor marks the current row in the chart. A series is one quantity over an
+        axis. The legend has the names and values of the series. Each thing that is drawn
+        has a path, which is its name in the recording.
 
         Some data do not change with the row, and are logged in the first block only: the
         appearance of cursor and legend, and the positions of the legend. Other data are
         logged for each row:
 
-        - the position of the cursor, a line or dot at the current row;
+        - the position of the cursor, a line or a dot;
         - the texts of the legend: the name of each series and its value in the row.
 
         Parameters
         ----------
         changed_paths
-            The paths of the series that got rows, by the path of their chart.
+            The paths of the series that got rows in this block, by the path of their
+            chart.
         timelines
-            The positions of the rows on the timelines.
+            Positions of the rows on the timelines of the viewer, such as time.
         axes
             The axes of the charts, with their values (rows,) in this block.
         row_count

@@ -336,13 +336,16 @@ def _cursor_position(
 ) -> tuple[str, int]:
     """Return the timeline, and the position on it, at which a picture is to be taken.
 
+    A recording can be shown along several timelines: times, inputs or sample numbers.
+
     Parameters
     ----------
     timelines
         The first and last position on each timeline of the recording, by its name.
     sample, input_deg
-        A sample number or an input (deg). If neither is given, the beginning of the
-        recording is chosen, on the timeline of times, of the input or of samples.
+        A sample number or an input (deg), at most one of them. If neither is given, the
+        result is the first position on the timeline of times. Without such a timeline it is
+        that on the timeline of an input, otherwise on that of samples.
     recording
         Path of the recording, for messages.
 
@@ -365,7 +368,7 @@ def _cursor_position(
             raise OutputError(f"{recording} has no input timeline; name a sample")
         name, scale = input_timelines[0]
         first, last = timelines[name]
-        # NaN and infinity are refused too, which cannot be rounded.
+        # This condition also refuses NaN and infinity, which `round` cannot convert.
         if not first - 0.5 <= input_deg * scale <= last + 0.5:
             raise OutputError(
                 f"{recording} has no input {input_deg:g} deg; its inputs: "
