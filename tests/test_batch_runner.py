@@ -123,7 +123,11 @@ def test_kernel_agrees_with_reference_on_grids_of_two_inputs(name, samples):
 def test_kernel_agrees_with_reference_if_the_angles_of_the_first_sample_are_unknown(
     options,
 ):
-    """At the first sample the tips of both cranks of the five-bar coincide."""
+    """Kernel and reference agree although both modes have no angles at the first sample.
+
+    The tips of both cranks of the five-bar coincide there. The other two links can
+    therefore turn freely about the common axis, so their angles are not determined.
+    """
     cranks_of_60_degrees = find("five_bar").read_text("utf-8")
     for axes in ('["21", "32"]', '["51", "54"]'):
         cranks_of_60_degrees = cranks_of_60_degrees.replace(
@@ -135,6 +139,7 @@ def test_kernel_agrees_with_reference_if_the_angles_of_the_first_sample_are_unkn
         "from = 40.0\nto = 140.0", f"from = {azimuth}\nto = {azimuth + 20.0}"
     ).replace("from = 40.0\nto = 70.0", f"from = {-azimuth}\nto = {20.0 - azimuth}")
     evaluations = evaluate_both_ways(loads(text), **options)
+    # Each of the two assembly modes has 20 rows. Rows 0 and 20 are the first samples.
     assert np.all(evaluations.reference_motion.failed[::20])
     differences = find_differences(evaluations)
     assert differences.are_none, differences

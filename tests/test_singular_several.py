@@ -731,7 +731,13 @@ def test_surfaces_without_a_mesh_are_not_claimed_to_be_absent():
 
 
 def test_a_seed_without_a_triangle_does_not_count_as_covered(monkeypatch):
-    """Newton's method fails at first. A later mesh may start at the same seed."""
+    """A mesh can start at a seed at which an earlier one made no triangle.
+
+    A `SurfaceFront` covers a surface of singular configurations with triangles. A seed is a
+    configuration at which a mesh starts. A seed near a vertex counts as covered, and no
+    other mesh starts there. If the first triangle fails, the seed must therefore not remain
+    as a vertex.
+    """
     monkeypatch.setattr(surface_front, "MAX_FRONT_VERTICES", 10)
     search = LocusPointSearch(
         with_full_turns(sk.load("three_rrr")),
@@ -747,6 +753,8 @@ def test_a_seed_without_a_triangle_does_not_count_as_covered(monkeypatch):
     seed = points.rows(slice(1))
     front = surface_front.SurfaceFront(search, 0.3)
     with monkeypatch.context() as patch:
+        # None for each of the other two corners of the first triangle: Newton's method
+        # fails at both.
         patch.setattr(front, "_compute_vertices", lambda *_: [None, None])
         assert not front.mesh_surface(seed)
     assert len(front.vertices) == 0

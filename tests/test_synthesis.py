@@ -59,7 +59,8 @@ def test_a_synthesized_rocker_follows_its_function():
 
     mechanism = result.mechanism()
     mode = mode_number(mechanism, result.modes[0])
-    # The objective is about twelve inputs of the file, these.
+    # The file states the wanted angle at these twelve inputs. The objective is the root
+    # mean square over them.
     inputs_deg = np.arange(0.0, 360.0, 30.0)
     inputs = np.radians(inputs_deg)
     theta = sk.evaluate(mechanism, inputs, assembly_mode=mode).variable("41")

@@ -373,9 +373,12 @@ def test_an_analysis_of_whole_motions_is_verified():
 def test_angles_that_drift_are_noticed_in_an_analysis_of_whole_motions(monkeypatch):
     """A drift of continued angles by 1e-9 rad per sample is found by the verification.
 
-    Continued angles have no jumps of whole turns. A verification computes some rows again,
-    here nine, from the angles of their configurations. So the reference has no drift. For
-    each column the verification states the row that deviates most, with sample, value,
+    Continued angles have no jumps of whole turns. A verification computes the
+    configurations of some rows again, here nine. It takes only the number of whole turns
+    from the continued angles. A drift much smaller than a turn does not change this number,
+    so the reference has no drift.
+
+    For each column the verification states the row that deviates most, with sample, value,
     reference and deviation. Columns whose deviation is too large are listed in `beyond`.
     `RiseSinceFirstSample` is the analysis: the rise of an angle.
     """

@@ -767,9 +767,11 @@ class SeveralInputs:
                 made=section,
                 budget=time_limit,
             )
-        # If base and output mirror each other in a plane, singular curves of types I and II
-        # are computed by formulas, unless the user asks for slices. `mid_plane_loci`
-        # returns None for other mechanisms.
+        # In a mid-plane architecture, the leg axes at the output link are the mirror image
+        # of those at the base, also while the mechanism moves. The normal of the mirror
+        # plane determines the configuration, up to a choice of two for each leg.
+        # `mid_plane_loci` finds the singular curves of types I and II as curves of normals.
+        # It returns None for other mechanisms. It is not used if there are slices.
         if section is None and kind != SELF_MOTION:
             curves = mid_plane_loci(mechanism, kind, output, time_limit)
             if curves is not None:

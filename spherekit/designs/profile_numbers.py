@@ -652,7 +652,7 @@ def _differentiate_by_arc_length(columns: Floats) -> Floats:
     Parameters
     ----------
     columns
-        (9 * profiles, n) columns at n points of contact.
+        (9 * profiles, n) columns at n points of contact, each as a row of the array.
 
     Returns
     -------
@@ -784,12 +784,12 @@ def evaluate_profile_columns(
     values: Floats,
     with_second_derivative: bool = True,
 ) -> Floats:
-    """Return columns of numbers that describe contact profiles at some configurations.
+    """Return the numbers that describe contact profiles at some configurations.
 
-    A profile is the curve along which a link touches another link. The nine columns of a
-    profile describe it at the point of contact: the tangent (3), the point (3) on the unit
-    sphere, the geodesic curvature, and the first two derivatives of the curvature with
-    respect to arc length.
+    A profile is the curve along which a link touches another link. Nine numbers describe it
+    at the point of contact: the tangent (3), the point (3) on the unit sphere, the geodesic
+    curvature, and the first two derivatives of the curvature with respect to arc length.
+    They are called the columns of the profile, although each is a row of the result.
 
     Parameters
     ----------
@@ -799,12 +799,13 @@ def evaluate_profile_columns(
     values
         (n, variables) pair variables (rad).
     with_second_derivative
-        Whether the last column of each profile is computed; otherwise it is NaN.
+        Whether the second derivative of the curvature is computed; otherwise it is NaN.
 
     Returns
     -------
-    (9 * profiles, n) columns (numbers, one row each), in the axes of the link of each
-    profile. NaN if variables are NaN, or if the arc length is outside an open profile.
+    (9 * profiles, n) numbers: nine rows for each profile, with one entry for each
+    configuration. Vectors are in the axes of the link of the profile. NaN if variables are
+    NaN, or if the arc length is outside an open profile.
     """
     columns = nans((COLUMN_COUNT * len(profiles), len(values)))
     finite_rows = np.flatnonzero(all_finite(values, 1))

@@ -698,10 +698,12 @@ class VariedMechanism:
     def _contact_numbers(self, mechanism: Mechanism) -> list[float]:
         """Return the numbers that describe the contacts of one design for the kernel.
 
-        The kernel is a function that computes many designs at once. It may use a linkage
-        that moves like the mechanism, but has no contacts. The numbers are angles (rad) of
-        this linkage, and ratios of wheels. The list is empty if the kernel uses no such
-        linkage.
+        The kernel is a function that computes many designs at once. In place of a mechanism
+        with contacts of circles, it may compute a linkage of R pairs (revolute joints) that
+        moves in the same way. A link hinged at the centres of both circles replaces a
+        sliding contact. A constant ratio of two pair angles replaces wheels that roll on
+        each other. The numbers are the constant angles (rad) that describe the links of
+        this linkage, and these ratios. The list is empty if the kernel uses no linkage.
 
         Parameters
         ----------

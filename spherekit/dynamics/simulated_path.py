@@ -208,9 +208,11 @@ class MomentumConversion(Protocol):
     def compute_rate_weights(self, states: Floats) -> Floats:
         """Return the matrices W that define the rates of the coordinates at n states.
 
-        The simulation chose m coordinates. Their rates u are weighted sums of the rates v'
-        of the pair variables: u = W v'. The momenta of a state belong to these coordinates.
-        The equation of motion therefore needs W at each state.
+        A state has the pair variables v and the momenta p = R u (see `PathStates`). Here u
+        are the rates of m coordinates, one for each degree of freedom, and R is the root of
+        the inertia matrix. The rates of the coordinates are weighted sums u = W v' of the
+        rates v' of the pair variables. To convert momenta into rates of the pair variables,
+        the equation of motion needs W.
 
         Parameters
         ----------

@@ -263,8 +263,9 @@ class Simulation:
         A simulation misses its tolerance in two cases:
 
         - The attribute `error` exceeds the tolerance.
-        - The largest relative error of the momenta that a step adds (`checks.momentum`)
-          exceeds 1000 times the tolerance in rad.
+        - The relative error `checks.momentum` exceeds 1000 times the tolerance, taken as a
+          number without unit. Each step of the integration adds an error to the momenta,
+          and `checks.momentum` is the largest of these errors.
         """
         if self.tolerance is None:
             return None

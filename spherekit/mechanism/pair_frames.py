@@ -209,7 +209,7 @@ def arc_pole(first: Vector, second: Vector) -> Vector:
     length = np.linalg.norm(pole)
     if length < COLLINEAR_SINE:
         raise ModelError(
-            "the two directions are equal or opposite: they define no arc; give two that "
-            "the arc passes through"
+            "the two directions are equal or opposite: they define no arc, because many "
+            "great circles pass through both; give two directions that are neither"
         )
     return as_vector(pole / length)

@@ -411,7 +411,6 @@ def output_rates(motion: Motion, output: Output) -> Floats:
     part = motion.rows(is_ok)
     linearisation = part.linearisation
     for column, pair in enumerate(motion.assembly.inputs):
-        # One input moves at the rate 1 while the others are locked.
         (moving_variable,) = mechanism.variables_of(pair)
         variable_rates = np.zeros_like(part.values)
         variable_rates[:, moving_variable] = 1.0

@@ -61,13 +61,18 @@ LegLinks = tuple[int, int]
 def mid_plane_form(
     mechanism: AnyMechanism, output: str | None = None
 ) -> MidPlaneArchitecture:
-    """Return the closed forms of a mechanism with mid-plane symmetric architecture.
+    """Return closed-form kinematics of a mechanism with mid-plane symmetric architecture.
+
+    The result computes poses, driving angles and rates from formulas. For example,
+    `orientations` gives the pose of the end effector for a mid-plane, and `plane.solutions`
+    gives all sets of driving angles for it.
 
     In this architecture the end effector is the mirror image of the base in a plane, the
     mid-plane. The normal of the mid-plane determines the pose of the end effector. At least
-    three legs of two links with equal arcs lead from the base to the end effector. The axes
-    between the two links of each leg, the elbows, lie in the mid-plane. Other links, the
-    carriers, are hinged to the elbows and hold them in this plane.
+    three legs of two links with equal arcs lead from the base to the end effector. The
+    elbow of a leg is the axis between its two links. Further links, the carriers, hold all
+    elbows in the mid-plane. A carrier is hinged to an elbow and turns about the normal of
+    the mid-plane. These two axes of a carrier are perpendicular to each other.
 
     Parameters
     ----------

@@ -125,13 +125,7 @@ class CarriedContact(NamedTuple):
         return self.first_wheel, self.second_wheel
 
     def angle_factors(self) -> dict[int, float]:
-        """Return the factors of the R pair variables in the equation of a rolling contact.
-
-        The equation is sin(r) f - sin(s) g = constant. The first wheel has the radius r
-        (rad on the unit sphere) and the angle f relative to the link that carries both
-        wheels. The second wheel has s and g. Each angle is the sum of variables of R pairs
-        (revolute joints) with signs.
-        """
+        """Return the factors of the R pair variables in sin(r) f - sin(s) g = constant."""
         return self.mesh.angle_factors(
             first_sine=np.sin(self.first_wheel.radius),
             second_sine=np.sin(self.second_wheel.radius),

@@ -656,16 +656,18 @@ def _solve_all_roots(
 ) -> tuple[Floats, Bools]:
     """Return the real solutions of the equations of a group, from all complex ones.
 
-    A group is a set of bodies that are placed together. Without t of its links it is a
-    tree, and the angles of t pairs are the unknowns. Each of these links gives an equation:
-    the arc between its axes is known.
+    A group is a set of bodies that are placed together. The equations are the same as in
+    `_solve_real_roots`: t bodies with two pairs (joints) each are removed, so that the
+    other bodies form a tree without loops. The angles of the t pairs of this tree are the
+    unknowns. Each removed body gives an equation: the arc between its two axes is known.
 
     Parameters
     ----------
     geometry
         The geometry of the group at n rows (configurations of earlier groups).
     order
-        The t unknown angles and the equations, in an order that can be solved.
+        The t unknown angles and the removed bodies. They also determine the number m of
+        complex solutions.
 
     Returns
     -------

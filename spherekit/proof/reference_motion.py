@@ -226,8 +226,9 @@ class _CoordinateSeries:
 
     def evaluate(self, x: Array) -> Array:
         """Return c (rad) and p, (2, n), at times x (n,) from -1 to 1."""
-        # The numbers have bounds of their rounding errors. The missing terms of the series
-        # are further errors without bounds, so the bounds are dropped.
+        # Numbers are balls: a centre with a bound of the rounding error as radius. This
+        # bound does not include the error of the missing terms of the series. It would
+        # promise too much, so the balls of the result have the radius 0.
         return exact_centres(_evaluate_series(self.coefficients, x).T)
 
 

@@ -68,8 +68,9 @@ class Needs:
     def union(self, other: "Needs") -> "Needs":
         """Return what two analyses need together.
 
-        The attribute `links` of the result must not be read. An empty set of links means
-        all links, but its union with another set is only the other set.
+        The attribute `links` of the result is not valid, because an empty set means all
+        links. If one analysis reads all links, the union contains only the links of the
+        other one. Read `links` from the needs of each analysis instead.
         """
         # The operator | is the union of two sets, and "or" of two booleans.
         return Needs(

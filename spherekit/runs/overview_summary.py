@@ -160,10 +160,11 @@ def _summarize_excess(output: OutputOverview) -> Facts:
     angle of an output (rad), its velocity ratio, and its transmission angle (rad) or
     transmission measure.
     """
-    # If the rates of the angle are known, its turning points between samples are
-    # interpolated where the rate is nearly linear. The range includes these points.
-    # `turning_error_rad` estimates the error of the range, and there are no parabolas. If
-    # the rates are unknown, parabolas give the excess, and there is no such error.
+    # There are two ways to estimate how far the angle goes beyond its range:
+    # - If the rates along a path are known, the angle turns back where its rate changes
+    #   sign. `turning_error_rad` is the largest estimated error of the angle there. No
+    #   parabolas are made, and their excess is 0.
+    # - Otherwise parabolas estimate it, and `turning_error_rad` is 0.
     parabola_excess = output.smooth_angle.excess(output.lowest_rad, output.highest_rad)
     angle_excess = max(parabola_excess, output.turning_error_rad)
     ratios = [

@@ -72,10 +72,11 @@ class TradeOptions:
         Settings to measure. By default they are all settings of a simulation if the run is
         one, otherwise all settings with which velocities at samples are computed.
     checked
-        Largest number of samples, spread over the run, at which errors are measured. More
-        samples can be added where large errors are expected: at peaks of the error bounds
-        of poles (axes of relative rotation). By default there are two limits: one for the
-        number of samples, and one for the number of rows in all assembly modes.
+        Largest number of samples that are spread over the run to measure errors there. None
+        stands for 361. In a run at given inputs with more than four assembly modes, None
+        stands for fewer samples. If such a run has a single input and more samples than
+        this number, further samples are added between the spread ones. They lie at peaks of
+        the error bounds of poles (axes of relative rotation), where errors can be large.
     rounds
         Number of times that each setting is run. Each round has another order.
     budget

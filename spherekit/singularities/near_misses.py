@@ -410,18 +410,20 @@ def _has_only_distant_dyads(
 ) -> bool:
     """Return whether only dyads place an output, none of them near its dead centre.
 
+    The caller asks this at a configuration where the measured distance of the mechanism
+    from type II is small. Short arcs of links can make it small, too. If the function
+    returns True, they are the reason, and the caller reports no near miss.
+
     A dyad is two links in series. At its dead centre it is stretched or folded, which is a
-    singularity of type II. If no dyad is near it, the distance of the whole mechanism from
-    type II is small only because links have short arcs. Such a place is not reported as a
-    near miss. The result is False if another group of links helps to place the output, or
-    if no group does.
+    singularity of type II. The result is False if another group of links helps to place the
+    output, or if no group does.
 
     Parameters
     ----------
     sampled
         The singularities, and the mechanism.
     values
-        (1, variables) a configuration (rad).
+        (1, variables) the configuration (rad).
     output
         Index of the output.
     near

@@ -262,13 +262,16 @@ class SingularSurface:
     ) -> Floats:
         """Return two equations for each point at which an edge crosses a limit of an input.
 
-        Newton's method moves such a point onto the surface of singular configurations. Two
-        linear equations in the V pair variables select one point of the surface:
+        The edges are sides of the triangles of the mesh. They are cut at these points. A
+        point on an edge is only near the surface of singular configurations, and Newton's
+        method moves it onto the surface. Two linear equations in the V pair variables
+        select one point of the surface:
 
         1. The input is at its limit.
         2. The point does not move along the tangent direction of the surface in which the
-           input is constant. On an edge that lies on a limit of another input, this other
-           input keeps its value.
+           input is constant. Some edges were made when the mesh was cut at a limit of
+           another input, and lie on this limit. On them, the other input keeps its value
+           instead.
 
         Parameters
         ----------

@@ -74,13 +74,13 @@ class CarriedVector:
     link
         Index of the link that carries the vector.
     length
-        Length of `vector`. The expression is shorter than the norm of the components.
+        Length of `vector`, as an expression with fewer operations than the root of the sum
+        of the squared components.
     slide
         (3,) derivative of the vector with respect to the variable, as seen from the link,
         in ground axes. None if the vector is fixed in the link.
     slide_length
-        Length of `slide`, 0 if there is no slide. The expression is shorter than the norm
-        of the components.
+        Length of `slide`, 0 if there is no slide. Its expression has few operations, too.
     slide_change_bound
         Parts of an upper bound of the length of the derivative of `slide` with respect to
         the variable. Their sum is `slide_change_bound.total`. If the variable has a small

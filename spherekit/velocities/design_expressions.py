@@ -790,23 +790,24 @@ class DesignExpressions:
 
         - the angle of the input;
         - the pair (joint) variables, if there are no formulas for them (closed form);
-        - the tangent, the point, the curvature and the derivative of the curvature of each
-          profile (contact curve) at its contact. These symbols are called columns, and they
-          are functions of the arc length. Such a mechanism has no closed form.
+        - the tangent, the point, the curvature and the derivative of the curvature of some
+          profiles (contact curves) at their contacts. These symbols are called profile
+          columns. They depend on the arc length, which is a pair variable. A mechanism with
+          profile columns has no closed form.
 
         Parameters
         ----------
         moving
             Index of the input.
         """
-        # The first symbols of a sample are the angles of the inputs.
+        # `sample_symbols` begins with the angles of the inputs.
         rates: dict[ExpressionNode, Expr] = {self.sample_symbols[moving]: 1.0}
         if not self.has_closed_form:
             rates |= zip(
                 self.configuration_symbols, self._variable_rates[moving], strict=True
             )
-        # A side is one of the two profiles of a contact. The rate of a column is its
-        # derivative with respect to arc length times the rate of the arc length.
+        # A side is one of the two profiles of a contact. The rate of a profile column is
+        # its derivative with respect to arc length times the rate of the arc length.
         for side in self.structure.pairs.sides_with_symbols:
             # The arc length at which the contact is on this profile is a pair variable.
             arc_length = self.configuration_symbols[side.track.variable]

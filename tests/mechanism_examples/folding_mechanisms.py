@@ -119,17 +119,20 @@ def limited_cam(random):
     # line. As the cam turns, the distance varies by the eccentricity to both sides of the
     # ground arc.
     distance_deg = ground_deg + eccentricity_deg * random.uniform(-0.9, 0.9)
-    # In line, the distance is the sum or the difference of follower arc and radii. Sizes
-    # are rounded as in a file.
+    # Both are in line in one of two ways. Stretched out, they add up to the distance:
+    # follower arc = distance - radii. Folded onto each other, their difference is the
+    # distance: follower arc = radii - distance or radii + distance. Sizes are rounded as in
+    # a file.
     difference_deg = float(np.round(distance_deg - radii_deg, random.integers(0, 6)))
     if random.random() < 0.5:
         follower_arc_deg = abs(difference_deg)
     else:
         follower_arc_deg = float(np.round(distance_deg + radii_deg, 2))
-    # With an arc of 0 the roller would turn about its own centre, so the arc is at least 3
-    # deg. With 3 deg the distance can lie between |radii - 3| and radii + 3 deg, a range of
-    # 6 deg. A whole turn of the cam needs a range of twice the eccentricity, at least 16
-    # deg. So the cam is limited all the same.
+    # With an arc of 0 the roller would turn about its own centre, so a smaller arc is
+    # raised to 3 deg. The two are then in line at other distances, radii - 3 and radii + 3
+    # deg, between which the distance must lie. The cam still cannot turn fully: over a
+    # whole turn, the distance would vary by twice the eccentricity, which is at least 16
+    # deg.
     follower_arc_deg = max(follower_arc_deg, 3.0)
     links = {
         "1": LinkSizes(("21", "f1"), (float(np.radians(ground_deg)),)),

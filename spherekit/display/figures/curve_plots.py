@@ -249,7 +249,9 @@ def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
     # The marks are inputs of the only axis of the scene.
     axis_values = scene.over[0].values
     points = np.stack([axis_values, series.values], axis=1)[np.argsort(axis_values)]
-    # Each gap of the curve gets a point without a value, halfway between its neighbours.
+    # In each gap of the curve, `break_at_jumps` inserts a point whose two coordinates are
+    # NaN. It gets an abscissa halfway between its neighbours, because `np.interp` needs
+    # abscissas that are numbers. Its ordinate stays NaN, so values in the gap become NaN.
     line = break_at_jumps(points, (low, high), TURN_BY_UNIT.get(series.unit))
     gaps = np.flatnonzero(np.isnan(line).all(axis=1))
     gaps = gaps[(gaps > 0) & (gaps < len(line) - 1)]

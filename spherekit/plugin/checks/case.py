@@ -184,10 +184,12 @@ class ConformanceCase:
         values[:, variables] = motion.values[:, variables]
         # `placed` are the orientations from which a motion computes its properties.
         hidden = replace(motion, placed=rotations, values=values)
-        # Properties of a motion are cached. The Jacobian (`linearisation`) and its
-        # condition number (`conditioning`) need all links and pairs. So the cached values
-        # of the motion without NaN are used. The property `rotations` reads a cached
-        # `linearisation` and not `placed`, so the cached value of `rotations` is set, too.
+        # Properties of a motion are cached, and values in the cache replace their
+        # computation. The Jacobian (in `linearisation`) and its condition number
+        # (`conditioning`) need all links and pairs, so they are taken from the motion
+        # without NaN. But this `linearisation` also has the orientations of all links, and
+        # the property `rotations` would return them. So the orientations with NaN are put
+        # into the cache as `rotations`.
         vars(hidden).update(
             linearisation=motion.linearisation,
             conditioning=motion.conditioning,
