@@ -16,7 +16,13 @@ import spherekit as sk
 from spherekit.errors import OutputError
 from spherekit.files.angle_units import to_radians, to_text, unit_vector
 from spherekit.files.mechanism_reader import load, loads
-from spherekit.files.mechanism_writer import canonical_text, dump, dumps, mechanism_hash
+from spherekit.files.mechanism_writer import (
+    _describe_change,
+    canonical_text,
+    dump,
+    dumps,
+    mechanism_hash,
+)
 from spherekit.files.schema import schema
 from spherekit.files.toml_document import LiteralNumber
 from spherekit.mechanism.elements import (
@@ -438,3 +444,11 @@ def test_writing_does_not_replace_a_pipe(tmp_path):
         with pytest.raises(OutputError, match="is a device or a pipe; give the name"):
             write(pipe)
     assert pipe.is_fifo()
+
+
+def test_a_line_that_only_the_second_text_has_is_called_added():
+    """A table of the written text ends where the text that was read back has one more key."""
+    assert _describe_change("", "closed = true") == "closed = true would be added"
+    assert _describe_change("radius = 20.0", "") == "radius = 20.0 would be lost"
+    change = _describe_change("radius = 20.0", "radius = 10.0")
+    assert change == "radius = 20.0 would become 10.0"

@@ -83,22 +83,27 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
 
 
 def _describe_change(line: str, line_read_back: str) -> str:
-    """Return how a line changes when a file is read back, for an error message.
+    """Return how a line of a file changes when the file is read back, for an error message.
 
-    Examples: "radius = 20.0 would become 10.0", "radius = 20.0 would be lost".
+    `dumps` writes a mechanism, reads it back and writes it again. The two texts must be
+    equal. The arguments are the lines at which they first differ. Examples of the result:
+    "radius = 20.0 would become 10.0", "radius = 20.0 would be lost".
 
     Parameters
     ----------
     line
-        The line in the text; empty if the text has ended.
+        The line of the first text. Empty between two tables and after the end.
     line_read_back
-        The first different line of the text that was read back; empty if it has ended.
+        The line of the second text, in the same place. Empty in the same cases.
     """
+    if not line:
+        # The table or the file ends here in the first text only.
+        return f"{line_read_back} would be added"
     key, _, value_read_back = line_read_back.partition(" = ")
     if value_read_back and line.startswith(f"{key} = "):
         return f"{line} would become {value_read_back}"
-    # The line that was read back has another key, so the key of `line` is lost.
-    return f"{line or line_read_back} would be lost"
+    # The second text has another key here, so the key of `line` is lost.
+    return f"{line} would be lost"
 
 
 def canonical_text(mechanism: Mechanism, angle_unit: AngleUnit) -> str:
