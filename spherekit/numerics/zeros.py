@@ -336,10 +336,9 @@ class EndParabola:
     def has_double_zero(self, floor: float) -> bool:
         """Return whether the parabola only touches zero near the end.
 
-        The parabola approximates a function near an end of the function's range. The values
-        of the parabola at its extremum and at the end differ by slope^2 / (2 curvature).
-        The parabola counts as touching zero if this difference is at most `floor`. Values
-        up to `floor` count as zero.
+        The values of the parabola at its extremum and at the end differ by
+        slope^2 / (2 curvature). The parabola counts as touching zero if this difference is
+        at most `floor`, the size up to which values count as zero.
         """
         # Square roots are compared, because the square of the slope may overflow.
         return bool(self.slope <= np.sqrt(2.0 * floor) * np.sqrt(self.curvature))
@@ -347,9 +346,10 @@ class EndParabola:
     def max_distance_of_spurious_zeros(self, floor: float) -> float:
         """Return the distance from the end within which values can count as zero.
 
-        Zeros found at smaller distances may be caused by rounding. At the distance t the
-        parabola is c t^2 / 2 - s t, with the curvature c and the slope s. The parabola
-        falls from zero first, and rises to `floor` at t = (s + sqrt(s^2 + 2 floor c)) / c.
+        Zeros found at smaller distances may be caused by rounding. Values count as zero up
+        to the size `floor`. At the distance t the parabola is c t^2 / 2 - s t, with the
+        curvature c and the slope s. It falls below zero first, and then rises to `floor` at
+        t = (s + sqrt(s^2 + 2 floor c)) / c.
         """
         root = np.hypot(self.slope, np.sqrt(2.0 * floor) * np.sqrt(self.curvature))
         # The smallest positive number avoids a division by 0 for a straight line.
