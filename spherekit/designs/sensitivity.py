@@ -145,34 +145,32 @@ class Sensitivity:
         # Arcs and angles of links by key, derived from the reference pose if the file has
         # one.
         self._link_sizes = link_sizes(mechanism)
-        self.keys = (
+        possible_keys = (
             tuple(keys)
             or tuple(self._link_sizes)
             or default_size_keys(mechanism)
             or self._profile_keys()
         )
-        self.sizes_that_move_wheels_apart: Names = ()
-        if not keys:
-            self.sizes_that_move_wheels_apart = tuple(
-                key for key in self.keys if self.moves_wheels_apart(key)
-            )
-            self.keys = tuple(
-                key for key in self.keys if key not in self.sizes_that_move_wheels_apart
-            )
-        if not self.keys:
+        if not possible_keys:
             raise DesignError(
                 f"{mechanism.name}: no link has two axes, so there are no link dimensions "
                 "with respect to which derivatives could be taken; name numbers of the "
                 "file instead"
             )
-        for key in keys:
-            if self.moves_wheels_apart(key):
-                raise DesignError(
-                    f"{mechanism.name}: there are no derivatives with respect to {key}, "
-                    "because it moves two touching wheels apart and another contact has a "
-                    "profile that is not a circle; vary other numbers, or compare designs "
-                    "with a sweep"
-                )
+        # Sizes without derivatives are refused if the user named them or if nothing else
+        # is left. Otherwise the defaults do without them.
+        without_derivatives = tuple(
+            key for key in possible_keys if self.moves_wheels_apart(key)
+        )
+        self.keys = tuple(key for key in possible_keys if key not in without_derivatives)
+        if without_derivatives and (keys or not self.keys):
+            raise DesignError(
+                f"{mechanism.name}: there are no derivatives with respect to "
+                f"{listing(without_derivatives)}, because a change moves two touching "
+                "wheels apart and another contact has a profile that is not a circle; vary "
+                "other numbers, or compare designs with a sweep"
+            )
+        self.sizes_that_move_wheels_apart: Names = without_derivatives
         self.variables = tuple(self._make_variable(key) for key in self.keys)
         # Paths, in the file, of the numbers that the user has named.
         self._named_paths = [variable.path for variable in self.variables] if keys else []
