@@ -447,7 +447,7 @@ def test_writing_does_not_replace_a_pipe(tmp_path):
 
 
 def test_a_line_that_only_the_second_text_has_is_called_added():
-    """A table of the written text ends where the text that was read back has one more key."""
+    """A table ends in the first text where the second text has one more key."""
     assert _describe_change("", "closed = true") == "closed = true would be added"
     assert _describe_change("radius = 20.0", "") == "radius = 20.0 would be lost"
     change = _describe_change("radius = 20.0", "radius = 10.0")
