@@ -172,9 +172,10 @@ def plot_series(
     link
         Index of a link, if the curve should have the colour of this link.
     """
-    # Each other character is replaced by a hyphen, which no name has, so that labels with
-    # different names have different paths. So have labels with opposite numbers: the minus
-    # is a second hyphen.
+    # Each curve needs a path of its own. A label can have the name of a link, pair or load,
+    # and numbers. Names have only letters, digits and underscores, so different names give
+    # different paths. Every other character becomes a hyphen, also the minus. So "at -1"
+    # and "at 1" give the different paths "at--1" and "at-1".
     file_name = re.sub(r"[^A-Za-z0-9_]", "-", label)
     return Series(f"plots/{group}/{file_name}", label, title, values, unit, link)
 
@@ -427,7 +428,10 @@ def continue_load_angles(batch: Batch) -> Motion:
 def direction_or_quaternion_columns(
     poses: Floats, architecture: MidPlaneArchitecture | None
 ) -> dict[str, Any]:
-    """Return the columns of poses: directions or quaternions, and angles of mid-planes.
+    """Return table columns that describe poses of an output, by their names.
+
+    The columns are the components of directions or quaternions. Angles of mid-planes follow
+    for some mechanisms.
 
     In some mechanisms, base and output are mirror images of each other about a plane, the
     mid-plane. In such a mechanism, a direction of the output determines the mid-plane. Chen

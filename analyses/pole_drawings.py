@@ -221,13 +221,23 @@ def _is_axis_of_one_pair(
 
 
 def _list_block_steps(plan: Plan, block: BlockPoles) -> list[ConstructionStep]:
-    """Return the steps of poles that are determined together by linear equations.
+    """Return the steps of a drawing for a block: poles that are computed together.
 
     A pole is the axis about which one link rotates relative to another. A drawing shows the
-    construction of the poles step by step.
+    construction of the poles step by step. Usually a pole follows from known poles, as the
+    intersection of two great circles. The poles of a block do not follow in this way. They
+    are computed together, from the velocity equations of the loops.
 
-    The first step has the poles that only the equations determine. From these poles the
-    other poles follow one by one, as intersections of two great circles.
+    With some of these poles known, great circles would determine the others. So the first
+    step has the poles that need the equations. Each later step has one pole at great
+    circles.
+
+    Parameters
+    ----------
+    plan
+        The order in which all poles of the mechanism are found.
+    block
+        The step of this plan that finds the poles of the block.
     """
     # The description has one line for the equations and one for each pole at circles.
     equations_text, *circle_texts = describe(plan, block).split("\n")

@@ -341,8 +341,9 @@ class Poles(AbstractAnalysis):
         Raises
         ------
         AnalysisError
-            If axodes are requested and several inputs move. Each pole of a run belongs to
-            a motion of one input, and not to the motion along the path of all inputs.
+            If axodes are requested and several inputs move. A run computes each pole for
+            the motion of one input while the others rest. An axode of the motion by all
+            inputs together would need other poles.
         """
         if self.axodes and len(mechanism.inputs) > 1:
             first, *others = mechanism.input_pairs

@@ -446,13 +446,14 @@ def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]
     """
     bearing_loads = []
     for load in _loads_with_bearings(mechanism):
-        # A pair transmits a moment about the centre and a force through the centre. Two
-        # bearings support both. A single bearing supports no force across the axis except
-        # the one due to the moment.
+        # A pair transmits a moment and a force through the centre of the sphere. Two
+        # bearings support both. A single bearing supports the moment by a force across the
+        # axis. The centre then supports the rest of the force across the axis.
         #
         # (n, bearings) size of the force (N) on each bearing due to the moment alone.
         couple_forces = result.couples[load.name]
-        # (n, bearings, 3) force (N) due to both. The z component is along the pair axis.
+        # (n, bearings, 3) whole force (N) on each bearing. The z component is along the
+        # pair axis.
         forces = result.on_bearings[load.name]
         for number, position in enumerate(load.positions):
             x, y, z = forces[:, number].T
@@ -601,11 +602,11 @@ def _merge_records(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[
 
 
 def _make_findings(summary: Mapping[str, Any]) -> Findings:
-    """Return the findings: the summary with sentences and warnings for users.
+    """Return the findings: the summary, and warnings and remarks for users about it.
 
-    Moments about the centre of the sphere are open if redundant constraints leave them
-    undetermined. Open moments are mentioned in a remark. Open forces through the centre are
-    a warning if the file asks for forces, otherwise a remark.
+    A moment about the centre of the sphere, or a force through it, is open if it remains
+    undetermined. Open moments are mentioned in a remark. Open forces are mentioned in a
+    warning if the file asks for forces, otherwise in a remark.
     """
     # 1. Contacts that lift off in some rows (configurations), and open moments.
     pairs = summary["pairs"]
@@ -621,7 +622,7 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
     open_pairs = [name for name, record in pairs.items() if record["is_open"]]
     if open_pairs:
         # A pressure angle in the file makes the normal force of gear teeth follow from the
-        # tangential force.
+        # tangential force. `without_angle` are the rolling contacts without such an angle.
         without_angle = summary["forces_need"]["pressure_angles"]
         meshes = [name for name in without_angle if name in open_pairs]
         hint = ""

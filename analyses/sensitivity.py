@@ -93,7 +93,8 @@ class Tolerances:
 class SensitivityResult:
     """Values of c quantities in n rows, with their derivatives and deviations.
 
-    A row is one configuration of the mechanism. The quantities depend on its sizes.
+    A row is one configuration of the mechanism. The quantities depend on the sizes of the
+    mechanism. They deviate if the sizes deviate.
 
     Attributes
     ----------
@@ -345,7 +346,11 @@ class SensitivityAnalysis(AbstractAnalysis):
         return deviation_of_key
 
     def _deviation_texts(self) -> list[tuple[str, str]]:
-        """Return the keys and texts of the parameter `deviations`.
+        """Split the parameter `deviations` into keys and texts of deviations.
+
+        A key names a number of the mechanism file. The text is the deviation of this
+        number, as the user has written it: ``links.3.arc:0.02deg`` gives the key
+        ``links.3.arc`` and the text ``0.02deg``.
 
         Raises
         ------
@@ -511,8 +516,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         """Return the largest spread of each quantity, and the size that causes most of it.
 
         The spread is the standard deviation that deviations of sizes cause, to first order.
-        The summary has the row (configuration) with the largest spread. The summary has
-        results of draws (mechanisms with random sizes) for this row: the spread of the
+        The summary has the row (configuration) with the largest spread. If mechanisms with
+        random sizes were drawn, it also has their results for this row: the spread of these
         draws, and the part of them that cannot be assembled (`lost`).
         """
         result = self._result(batch)
@@ -534,15 +539,15 @@ class SensitivityAnalysis(AbstractAnalysis):
                 summary[name]["drawn"] = float(tolerances.drawn_spread[number, row])
                 summary[name]["lost"] = float(tolerances.lost[number, row])
         findings = self._make_findings(summary, self._describe_sizes(sensitivity))
-        # If two axes of a link are on one line, the derivative with respect to the arc
-        # between them is undefined. Such sizes are left out, with a warning unless the user
-        # chose the sizes (`by`).
         warnings = [
             f"{name} has no standard deviation, because its derivatives are unknown at all "
             "samples (see the column status)"
             for name in sensitivity.quantities
             if name not in summary
         ]
+        # If two axes of a link are on one line, the derivative with respect to the arc
+        # between them is undefined, and sizes of the link are left out. If the user chose
+        # the sizes (`by`), no warning is given.
         if sensitivity.left_out and not self.by:
             left_out = listing(f"links.{link}" for link in sensitivity.left_out)
             warnings.append(

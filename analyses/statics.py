@@ -182,9 +182,12 @@ class Statics(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torques and of the outputs.
 
-        The first table has a row for each row of the batch. The table of outputs has, for
-        each row of the batch, a row for each output. The columns are the mechanical
-        advantage of each input, and the stiffness of the output if the drives are elastic.
+        The table ``statics`` has a row for each row of the batch (sample in one assembly
+        mode). The columns are the torques and the closure residual.
+
+        The table ``outputs`` has, for each row of the batch, a row for each output. The
+        columns are the mechanical advantage of each input, and the stiffness of the output
+        if the drives are elastic.
         The stiffness is a symmetric matrix: torque on the output per rotation. The columns
         have the three principal values of the matrix and their axes.
         """
@@ -196,7 +199,7 @@ class Statics(AbstractAnalysis):
         results = list(stiffness_of_output.values())
         row_count, input_count = solution.torques.shape
         # `_interleave` lists the first row of all outputs, then the second row, and so on.
-        # The shape of the arrays is needed if there are no outputs.
+        # If there are no outputs, the lists are empty, so the shape is passed as well.
         advantages = _interleave(
             [result.advantage for result in results], (row_count, input_count)
         )

@@ -285,15 +285,17 @@ class WorkspaceModes:
         """Return the sizes of a workspace and of its parts as columns of a table.
 
         The first row is the whole workspace. For directions, the connected parts of the
-        workspace follow, then the outside and the holes. Each part has a sample: the pose
-        that is farthest from the border of the part. The margin of a sample is the angle
-        (rad) to the nearest limit. The margin is negative in the outside and in holes.
+        workspace follow, then the gaps: connected sets of directions that the output does
+        not reach. The largest gap is called outside, the others holes.
+
+        Each part or gap has a sample: the pose that is farthest from its border. The margin
+        of a sample is the angle (rad) to the nearest limit. The margin is negative in gaps.
 
         The whole set of directions has no sample (NaN). A set of orientations is not
         divided into parts, so its only row has the sample.
 
-        The column `number` is the position of the part in `region.components` or, for the
-        outside and holes, in `region.gaps`.
+        The column `number` is the position of a part in `region.components`, or of a gap in
+        `region.gaps`.
         """
         # Each list has one item for each row of the table.
         kinds = ["whole"]
@@ -306,8 +308,7 @@ class WorkspaceModes:
             samples = [np.full(3, np.nan)]
             kinds += ["component"] * len(region.components)
             numbers += range(len(region.components))
-            # A gap is a connected set of directions that the output does not reach. Gap 0,
-            # the largest one, is the outside, and the others are holes.
+            # Gap 0 is the largest one.
             for gap_number in range(len(region.gaps)):
                 kinds.append("outside" if gap_number == 0 else "hole")
                 numbers.append(gap_number)
@@ -469,9 +470,9 @@ class WorkspaceModes:
         A working mode is one way to assemble the legs. The margin is the angle (rad) to the
         nearest limit of the workspace, negative if the limit is exceeded. For a pose
         outside of the workspace the record includes the nearest reachable pose. ``type_1``
-        and ``type_2`` measure how far the pose is from a singularity, where they are 0. At
-        type I the output rests while an input moves. At type II the output can move while
-        the inputs are locked.
+        and ``type_2`` are 0 at singularities of type I and II, and measure how far the pose
+        is from them. At type I the output rests while an input moves. At type II the output
+        can move while the inputs are locked.
 
         Parameters
         ----------
@@ -698,7 +699,9 @@ def resolved_parts(region: Region, parts: Sequence[Part]) -> list[Part]:
 
 
 def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> DistinctPoses:
-    """Read poses of an output from a text, without repeated ones.
+    """Read the poses that the user names, without repeated ones.
+
+    The analysis reports for each of them whether it is in the workspace of the output.
 
     Parameters
     ----------
@@ -728,8 +731,8 @@ def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> DistinctPose
             )
             warnings.append(f"No pose was found at the inputs {inputs}")
     assert poses is not None
-    # `unique` sorts the poses. The first of poses that are equal up to rounding is
-    # returned, in the original order.
+    # Of poses that are equal up to rounding, only the first is kept. `unique` sorts the
+    # poses, so the indices are sorted to get the original order.
     rounded = np.round(poses, POSE_DECIMALS)
     _, first_rows = np.unique(rounded, axis=0, return_index=True)
     poses = poses[np.sort(first_rows)]

@@ -56,8 +56,8 @@ def warnings_as_sentences(
         if category is UserWarning:
             report(f"warning: {text}")
             return
-        # Rows of result tables with known problems have a status that names the problem.
-        # The unexpected warning may concern other rows.
+        # In result tables, each row with a known problem has a status that names it. An
+        # unexpected warning may concern rows without a status, so users should check these.
         report(
             f"warning: {_name_library(filename)} reports: {text}; spherekit did not expect "
             "this warning, which may concern results; check results that have no status; "

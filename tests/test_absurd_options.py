@@ -252,9 +252,10 @@ def test_a_repeated_warning_of_numpy_is_printed_once_in_one_sentence(
 ):
     """A command in which NumPy warns three times prints the warning once, in one sentence.
 
-    Instead of listing mechanisms, the command evaluates `expression` three times. The
-    sentence names the file where the warning arose only with the option --traceback: a
-    Python file of NumPy, or "<string>" for operations that `eval` itself does.
+    Instead of listing mechanisms, the command evaluates `expression` three times. `words`
+    are part of NumPy's warning. With the option --traceback (`shows_source`), the sentence
+    also names the file where the warning arose. This is a Python file of NumPy, or
+    "<string>" for operations that `eval` itself does.
     """
     import numpy as np
 

@@ -207,12 +207,19 @@ def test_a_dyad_that_can_turn_about_a_line_has_no_angles(arcs):
 
 @pytest.mark.parametrize("gap", [0.5, 0.01])
 def test_rounding_of_the_input_reaches_a_dead_centre_through_the_dyad_before_it(gap):
-    """A whole turn of the crank has the status of the reference pose: AT_SINGULARITY.
+    """At -360, 0 and 360 deg a mechanism with a dead centre at 0 is AT_SINGULARITY.
 
-    At input 0 the crank points to the axis 41 and ends `gap` (deg) before it. All arcs of
-    links 3 and 4 are 90 deg, so link 4 follows the great circle through both axes: a
-    rounded input turns link 4 by up to 1 / sin(gap) of the rounding. There, link 4 holds
-    its axis 54 at 100 deg from the axis 61 of the ground, and links 5 and 6 are in line.
+    Of these inputs only 0 is an exact float64 number of radians. At -360 and 360 deg the
+    rounded input is beside the dead centre, and the dyad before it enlarges the rounding
+    error.
+
+    The first dyad consists of links 3 and 4, the second one of links 5 and 6. At input 0
+    the crank arc lies on the ground arc from axis 21 to axis 41. So axis 32, at the end of
+    the crank, is only `gap` (deg) from axis 41. All arcs of links 3 and 4 are 90 deg, so
+    link 4 turns with the great circle through axes 32 and 41. A rounding error of the input
+    therefore turns link 4 by up to 1 / sin(gap) times this error. At input 0 the axis 54 of
+    link 4 is 100 deg from the axis 61 of the ground. This is the sum of the arcs of links 5
+    and 6, which are then in line: the second dyad is at a dead centre.
     """
     mechanism = loads(
         f"""
@@ -240,14 +247,18 @@ def test_rounding_of_the_input_reaches_a_dead_centre_through_the_dyad_before_it(
     modes = {mode.signs: mode.number for mode in motion.assembly_modes}
     rows = motion.rows(np.flatnonzero(motion.assembly_mode == modes[1, 1]))
     assert rows.status.tolist() == [Status.AT_SINGULARITY] * 3
-    # The angles of the triangles, all with sides of 90 deg or in line.
+    # The exact angles of all pairs but the input. The spherical triangle of the first dyad
+    # has two sides of 90 deg, and that of the second dyad is flat.
     passive_angles = np.radians([-90.0, gap, -90.0, -90.0, 180.0, 90.0])
     errors = np.sin(0.5 * (rows.values[:, 1:] - passive_angles))
+    # With the small gap, the error bounds of the angles exceed
+    # `MAX_SINGULAR_ANGLE_ERROR_RAD`, so the angles are NaN.
     has_angles = np.isfinite(rows.configuration_error)
     assert np.all(has_angles) == (gap > 0.1)
     bounds = rows.configuration_error[has_angles, None]
     assert np.all(2.0 * np.abs(errors[has_angles]) <= bounds)
-    # The same if Newton's method closes the first dyad, as any other group (sign 0).
+    # The status is the same if the first dyad is closed by Newton's method. Its sign 0 says
+    # that it is treated like a group of links that is no dyad.
     starts = np.column_stack([rows.inputs, np.tile(passive_angles, (3, 1))])
     quad_assembly = QuadAssembly(mechanism, motion.assembly)
     placed = quad_assembly.place([0, 1], determinants=(), q=rows.inputs, starts=starts)

@@ -33,8 +33,9 @@ def helps():
 def test_help_loads_no_large_library_and_no_other_command(words):
     """The help of a command is fast: it loads no large library and no other command.
 
-    A fresh process prints the help and then the names of all loaded modules. `HEAVY` are
-    the libraries that must not be among them.
+    `words` are the words of the command before "--help". A fresh process prints the help
+    and then the names of all loaded modules. `HEAVY` are the libraries that must not be
+    among them.
     """
     code = (
         f"import sys; from spherekit.cli.main import main\ntry: main([*{words!r}, "

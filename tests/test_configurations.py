@@ -279,11 +279,13 @@ def test_a_range_that_a_curve_does_not_reach_is_recognised_without_its_arc_lengt
 
 @pytest.mark.slow
 def test_no_range_that_a_curve_reaches_is_skipped(monkeypatch):
-    """A quick test whether a curve reaches a range of the input skips no piece of it.
+    """A quick test whether a curve reaches a range of inputs loses no piece of the curve.
 
-    The result must be that without the quick test (`_may_reach_range`), wherever a range
-    begins, and with any period of the input. Here the input is the angle of a pair that
-    rocks (moves to and fro), so that the curve does not reach all ranges.
+    `monotone_pieces` returns the pieces of a curve whose inputs are in the range. A quick
+    test (`_may_reach_range`) saves time where there are none. The result must be the same
+    without this test, for any range and period. The period is the growth of the input after
+    which all configurations return. Here the input is the angle of a pair that rocks (moves
+    to and fro), so that the curve does not reach all ranges.
     """
     curve, input_variable = curve_with_a_rocking_pair()
     random = np.random.default_rng(5)

@@ -163,7 +163,13 @@ def test_stops_end_a_curve_where_they_are(no_crank):
 
 
 def test_stops_more_than_a_turn_apart_end_a_curve_where_they_are():
-    """A crank from -400 to 100 deg cannot go on turning, although a lap is one turn."""
+    """A crank with stops more than one turn apart moves on an open curve between them.
+
+    Without stops the curve of the four-bar is closed, because its configurations repeat
+    after one turn of the crank. With stops 9 rad apart the crank can make this turn, but it
+    cannot go on turning. So the curve has to end at the stops. `rise` is the growth of the
+    variables in one round of a closed curve; it is zero on an open curve.
+    """
     curve = shipped("four_bar")
     start = curve.nodes.values[0]
     crank_start = start[0]
@@ -172,7 +178,7 @@ def test_stops_more_than_a_turn_apart_end_a_curve_where_they_are():
     assert not limited_curve.closed and not np.any(limited_curve.rise)
     ends = np.sort(limited_curve.nodes.values[[0, -1], 0])
     assert np.max(np.abs(ends - stops[0])) < 1e-13
-    # The output pair does not turn fully, so its stops beyond the motion have no effect.
+    # Pair 3, the output, only swings. Stops outside the range of its swing have no effect.
     swing = curve.nodes.values[:, 3]
     free_curve = follow_arc(curve.closure, start, {3: (min(swing) - 1, max(swing) + 1)})
     assert free_curve.closed

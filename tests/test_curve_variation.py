@@ -21,14 +21,15 @@ def points_near_circle(parameter, count=9, whole=2.0 * np.pi):
     parameter
         The parameter: each point moves by it times a random tangent vector.
     count, whole
-        Number of points, and range (rad) of their azimuths.
+        Number of points, and range (rad) over which their azimuths are spread.
 
     Returns
     -------
     points
         (count, 3) unit vectors.
     change
-        (count, 3) these tangent vectors, the derivatives of the points at the parameter 0.
+        (count, 3) the tangent vectors. They are the derivatives of the points by the
+        parameter, at the parameter 0.
     """
     rng = np.random.default_rng(4)
     a = np.arange(count) * whole / count

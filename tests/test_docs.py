@@ -187,10 +187,10 @@ def anchors(text):
 
 
 def test_each_public_name_has_one_place_in_the_tables_of_the_api(monkeypatch):
-    """The tables of the API list every public name, which links to its page.
+    """The tables of the API list every public name, with a link to the page of this name.
 
     `USER_PURPOSES` sorts the names by purpose. If a name is missing there, the tables
-    cannot be generated. No two pages differ in case alone.
+    cannot be generated. No two file names of pages differ only in upper and lower case.
     """
     monkeypatch.syspath_prepend(str(DOCS))
     pytest.importorskip("sphinx")
@@ -250,9 +250,9 @@ def test_the_plugin_of_the_tutorial_is_installed_and_computes_its_ratio(folder):
     """The entry point in the shown pyproject.toml leads to the shown class, which works.
 
     The class is an analysis of the torque ratio of a link. This ratio is the reciprocal of
-    the velocity coefficient of the link relative to the ground (pole 4/1). A wrong link is
-    refused, and by default the link is that of the output, the rocker. `folder` has the
-    module of the tutorial.
+    the velocity coefficient of the link relative to the ground (pole 4/1). The ground is
+    refused as the link. By default the link is that of the output, the rocker. `folder` has
+    the module of the tutorial.
     """
     (project, _) = (tomllib.loads(text) for text in blocks("plugins.md", "toml"))
     entry_points = project["project"]["entry-points"]["spherekit.analyses"]

@@ -433,12 +433,14 @@ def test_two_inputs_follow_an_axis_with_the_least_orientation_error():
     """The output of a five-bar follows a rotation about an axis as nearly as possible.
 
     With two inputs, its three-parameter orientation cannot follow exactly. The orientation
-    error is the angle between the wanted and the real orientation. It is least at the
-    inputs of the followed rotation. It is computed for a mesh of 3 x 3 inputs, 2e-4 rad
-    apart, around these, with positions from a closed form (`sk.trace`). The error in the
-    middle is the smallest. A plane that is fitted to the squares of the nine errors is
-    level, so their gradient is 0. The rates of the inputs are compared with finite
-    differences.
+    error is the angle between the wanted and the real orientation. `follow_rotation` must
+    find the inputs with the least error.
+
+    For comparison, the error is computed for a mesh of 3 x 3 inputs, 2e-4 rad apart, around
+    the inputs that it finds. The positions are those of a closed form (`sk.trace`). The
+    error in the middle must be the smallest. A plane that is fitted to the squares of the
+    nine errors must be level, so that their gradient is 0. The rates of the inputs are
+    compared with finite differences.
     """
     mechanism, values = configuration("five_bar")
     output = mechanism.link_number["3"]
@@ -628,10 +630,10 @@ class LinearRotation:
     slope: np.ndarray
 
     def at(self, theta):
-        """Return samples at angles (rad) of rotation, with inputs proportional to them.
+        """Return a sample of the motion at each angle theta (rad) of the output.
 
-        Tests of time laws use only the inputs and their rates. All other numbers are
-        placeholders.
+        The inputs are proportional to theta. Tests of time laws use only the inputs and
+        their rates. All other numbers are placeholders.
         """
         theta = np.atleast_1d(theta)
         n = len(theta)

@@ -143,9 +143,10 @@ def test_schedule_reaches_one_limit_and_exceeds_none(table_3):
 def test_schedule_in_cycles_of_a_controller():
     """With `cycle` (s) a schedule has a row per cycle and ends after a whole number.
 
-    Without `cycle` it takes the shortest duration that the limit of 30 deg/s allows. With
-    it the duration is rounded up, so the inputs are a little slower. If there would be too
-    many rows, the table is empty. `findings` and `schedule` read the result of
+    A schedule is a table of the inputs over time. Without `cycle` it takes the shortest
+    duration that the limit of 30 deg/s allows. With `cycle` the duration is rounded up, so
+    the inputs are a little slower. With a cycle of 1e-9 s the table would have too many
+    rows (`MAX_SCHEDULE_ROWS`), so it is empty. `findings` and `schedule` read the result of
     `run_rotation`. The table of `schedule` has speeds in deg/s.
     """
     # phi and gamma are the angles (deg) of the mid-plane, in which base and platform are
@@ -362,9 +363,11 @@ def pose_text(names, values):
 def test_an_output_with_two_freedoms_departs_between_the_ends():
     """A five-bar cannot turn its output about a fixed axis, and the run says so.
 
-    At both ends the orientation is exact. Between them it departs from the one turned
-    exactly, which is noted as an error. The column phi is NaN, because a five-bar has no
-    mid-plane in which base and output link mirror each other.
+    At both ends the orientation is exact. Between them it departs from the orientation that
+    a rotation about the axis would give. The table has the departure as
+    `orientation_error`, and the summary has a warning. The column phi, an angle of the
+    mid-plane, is NaN. Only mechanisms whose base and output link are mirror images of each
+    other have a mid-plane.
     """
     # Start and end are given by the angles of the inputs 21 and 51 in degrees.
     parameters = "start=21=60+51=100,end=21=75+51=75,samples=21,speed=60"

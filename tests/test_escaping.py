@@ -421,7 +421,7 @@ def test_curves_of_names_with_an_underscore_are_in_legends():
 def test_literals_of_json_html_and_julia_are_read_as_the_same_text(title):
     """JSON, HTML and Julia literals of a hostile text are read as the same text.
 
-    - JSON has no "<", so that it can stand in a page.
+    - JSON has no "<", so that it can stand in a page of HTML.
     - HTML shows a hidden character, such as a mark of the writing direction, as its code
       (`escaping.visible` writes U+202E as "[U+202E]").
     - Julia strings have no active "$", which would insert the value of an expression.

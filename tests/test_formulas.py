@@ -162,13 +162,17 @@ def random_arguments(formula_set, seed=1):
     "name", [pytest.param(x, marks=MARKS.get(x, pytest.mark.long)) for x in EVERY]
 )
 def test_sources_return_the_values_of_their_symbolic_terms(name, tmp_path):
-    """Compiled sources in every language agree with their terms evaluated by NumPy.
+    """Exported sources in every language return the values that NumPy gives.
 
-    C may differ by 4 units of the last place. Other languages may differ by 1e-14 plus 100
-    times the change of the result when arguments change by one unit. So may mechanisms with
-    contact profiles, which are stored as tables of coefficients. `accepted_keys` are the
-    numbers of the file that become arguments, and `random_arguments` has 200 sets of
-    arguments.
+    Formulas are symbolic expressions of the arguments. They are exported as source text in
+    each language. For comparison, NumPy evaluates the expressions (`evaluate_results`). C
+    and C++ may differ by 4 units of the last place. Other languages may differ by 1e-14
+    plus 100 times the change of a result when arguments change by one rounding. This larger
+    tolerance also applies to C and C++ if profiles in contact are stored as tables of
+    coefficients (`formula_set.tables`).
+
+    `accepted_keys` names the numbers of the file that become arguments.
+    `random_arguments` has 200 sets of arguments.
     """
     mechanism = with_input(name)
     formula_set = formulas(mechanism, vary=accepted_keys(mechanism))
@@ -178,8 +182,9 @@ def test_sources_return_the_values_of_their_symbolic_terms(name, tmp_path):
     shaken_arguments = [
         x * (1.0 + 2e-16 * rng.choice([-1.0, 1.0], x.shape)) for x in arguments
     ]
-    # The second argument selects the assembly mode. With Newton's method it has pair
-    # variables. In closed form it has signs +1 and -1, which must not change.
+    # The second argument selects the assembly mode. In closed form it consists of signs +1
+    # and -1, which must not change. Otherwise there are formulas of a step of Newton's
+    # method (`formula_set.step`), and the argument has the pair variables of a start point.
     if not formula_set.step:
         shaken_arguments[1] = arguments[1]
     sensitivity = np.abs(evaluate_results(formula_set, *shaken_arguments) - expected)

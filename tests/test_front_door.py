@@ -54,7 +54,9 @@ def slope(function, q, h=1e-3):
 def test_a_changed_arc_gives_the_motion_of_the_closed_form(assembly_mode):
     """A four-bar with a crank of 25 deg moves as the closed form of Di Gregorio says.
 
-    Coefficients, angular velocities and frames are compared (`oracles.closed_forms`).
+    The file of the four-bar has a crank of 20 deg; `with_sizes` changes it. Velocity
+    coefficients, angular velocities and orientations of links are compared with the closed
+    form (`oracles.closed_forms`).
     `closed_form_mode` finds the assembly mode with the same rocker angle. The acceleration
     coefficient is compared with finite differences of the velocity coefficient (`slope`).
     """

@@ -98,9 +98,11 @@ def replace_inside(random, value):
 def rewrite_npz(random, data):
     """Return a valid npz archive with another header or with one array changed.
 
-    An array may be missing, shortened, filled with NaN, infinity, 1e300 or -1, or text. The
-    comment of an archive has the checksum of its content. Half of the new archives have the
-    comment of the old one, which is then wrong, and half have no comment.
+    The tests check that these archives are refused, or read unchanged. An array may be
+    missing, shortened, converted to text, or filled with NaN, infinity, 1e300 or -1. The
+    comment of the zip file has the checksum of its content. Half of the new archives keep
+    the comment of the old archive, so that the checksum is wrong. The other half have no
+    comment.
     """
     with np.load(BytesIO(data)) as archive:
         arrays = dict(archive)

@@ -175,11 +175,12 @@ def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name,
     """The closed form of inverse kinematics agrees with the general numerical solver.
 
     The closed form solves dyads (two links joined by a pair). It has two solutions for each
-    pose. The solvers may differ by whole turns of the wheels, which lead to the same pose,
-    so not every solution needs a partner with equal inputs (rad). At least as many as there
-    are poses must have one, so that the comparison is not empty. Partners must have equal
-    rates of the inputs per rate of the output, and equal measures of singularities of types
-    I and II. Forward kinematics of the closed form must lead back to all poses.
+    pose. Inputs that differ by whole turns of the wheels can lead to the same pose, and the
+    solvers may return different ones. So not every solution of the closed form needs a
+    partner with equal inputs (rad) among those of the general solver. At least as many as
+    there are poses must have one, so that the comparison is not empty. Partners must have
+    equal rates of the inputs per rate of the output, and equal measures of singularities of
+    types I and II. Forward kinematics of the closed form must lead back to all poses.
     """
     if mechanism_name == "differential":
         mechanism = wrist
@@ -219,7 +220,7 @@ def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name,
     assert np.max(closed_form.residual(solutions.values)) < 1e-12
     forward = closed_form.forward(solutions.inputs)
     outputs = forward.directions if is_pointer else forward.rotations
-    # `row` is the solution whose inputs lead to each of the outputs.
+    # For each output, `row` is the index of the solution from whose inputs it is computed.
     poses_of_outputs = poses[solutions.pose[forward.row]]
     assert np.max(np.abs(outputs - poses_of_outputs)) < 1e-11
 

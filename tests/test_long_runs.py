@@ -507,7 +507,7 @@ class AnalysisWithTexts(MinimalAnalysis):
     """An analysis with a table of texts that CSV has to quote, and two further tables.
 
     It tests how tables are written. One further table has no column of assembly modes, and
-    the other one has no rows. With `plain` the texts need no quotes.
+    the other one has no rows. If `plain` is True, the texts need no quotes.
     """
 
     name: ClassVar = "words"
@@ -652,7 +652,8 @@ def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch
     def measure(samples):
         """Return the peak of memory, the growth of Arrow's memory, and the size of tables.
 
-        All three are in bytes, for a run (`job` of the test) with this many samples.
+        All three are in bytes. They belong to one run with this many samples, which `job`
+        makes.
         """
         pool = pa.default_memory_pool()
         arrow_bytes_before = pool.bytes_allocated()

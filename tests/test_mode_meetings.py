@@ -222,13 +222,14 @@ def test_a_double_zero_is_never_excluded(shift, power):
 @pytest.mark.parametrize("difference", ["0", "1e-4", "1e-7", "1e-10", "1e-13"])
 @pytest.mark.many
 def test_a_near_miss_is_no_crossing(difference):
-    """A kite whose equal sides differ slightly has no crossing, and none is named.
+    """No crossing of curves is found for a kite whose equal sides differ slightly.
 
     The configuration curves of a four-bar with two and two equal sides cross in a flat
-    configuration. If one of two sides of 80 deg is changed by `difference` (deg), they pass
-    each other at a small distance. For 1e-4 and 1e-7 deg the claims of the run are compared
-    with a proof. A difference of 1e-13 deg is too small for 64-bit numbers. The run must
-    then not fail, but may name a crossing.
+    configuration. If one of the two sides of 80 deg is changed by `difference` (deg), the
+    curves pass each other at a small distance. The position analysis (`mode_meetings`) must
+    not take this for a crossing. For 1e-4 and 1e-7 deg its result is also compared with a
+    proof (`find_contradictions`). A difference of 1e-13 deg is too small for 64-bit
+    numbers. The analysis must then not fail, but may find a crossing.
     """
     from decimal import Decimal
 
@@ -240,7 +241,7 @@ def test_a_near_miss_is_no_crossing(difference):
         if difference != "1e-13":
             assert named_count == (1 if difference == "0" else 0)
         if difference in ("1e-4", "1e-7"):
-            # Between claims of the run and the proof, from -50 to 50 deg of the input.
+            # Contradictions to the proof, in the range from -50 to 50 deg of the input.
             contradictions, _ = find_contradictions(text, -50, 50)
             assert contradictions == []
 

@@ -290,8 +290,10 @@ def kite_with_dyads(count):
     alike, with an angle of 50 degrees between the crank arc and the ground arc in this
     position.
 
-    All arcs of ground and crank begin at the crank's axis a. The angles of a link are those
-    about this axis, from its first arc to its further arcs.
+    Four-bar number k has the coupler b<k> and the rocker w<k>; the kite is number 0. The
+    ground "g" and the crank "k" have an arc for each four-bar. All these arcs begin at the
+    axis "a" of the crank. Their directions are given as angles about this axis, from the
+    arc of the kite.
     """
     ground_axes = ["a", "r0", *(f"r{k}" for k in range(1, count + 1))]
     crank_axes = ["a", "c0", *(f"c{k}" for k in range(1, count + 1))]
@@ -335,12 +337,16 @@ def test_a_configuration_in_a_box_is_bounded_by_its_euclidean_distance():
     the crank "a" at 0, the rocker "r0" of the kite can turn alone. So the crank is constant
     on a curve of configurations.
 
-    `is_constant` proves this from one piece of the curve. It computes a configuration near
-    the centre of the piece, and asks the piece whether it contains this configuration up to
-    an error. The sides of a piece may have any directions, so this error is a Euclidean
-    distance. Here a stand-in for a piece records the error. The angles of the five further
-    rockers are only known to be within `SOLUTION_RADIUS_RAD`, so the error has to be at
-    least sqrt(5) times that.
+    `is_constant` proves this from a piece of the curve. Around the piece is a box that
+    contains no other configurations. `is_constant` computes a configuration with a constant
+    crank near the centre of the box. The proof succeeds if this configuration is certainly
+    inside the box. So `is_constant` passes the configuration to `contains`, with a bound of
+    its error. The sides of a box may have any directions in the space of all variables, so
+    this bound has to be a Euclidean distance.
+
+    Here a stand-in for the piece records the bound. The angles of the five further rockers
+    are only known to be within `SOLUTION_RADIUS_RAD`, so the bound has to be at least
+    sqrt(5) times that.
     """
     count = 5
     mechanism = kite_with_dyads(count)
@@ -359,7 +365,7 @@ def test_a_configuration_in_a_box_is_bounded_by_its_euclidean_distance():
     errors = []
 
     def contains(_position, error):
-        """Record the error, and say that the configuration is inside."""
+        """Record the bound of the error, and say that the configuration is inside."""
         errors.append(error)
         return True
 

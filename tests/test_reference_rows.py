@@ -147,8 +147,8 @@ def check_arcs(mechanism, exact):
                 expected = mp.cos(mp.mpf(arc))
                 assert all(abs(cosine - expected) < 1e-46 for cosine in cosines)
 
-        # The planetary train is over-constrained: its rounded numbers close only to
-        # float64.
+        # The planetary train is over-constrained. The numbers in its file are rounded, so
+        # its loops only close up to the rounding of float64.
         tolerance = 1e-14 if mechanism.name == "planetary_bevel" else 1e-46
         for first, second in product(pose_axes, repeat=2):
             first_links = set(mechanism.ends[pair_number[first]])

@@ -458,19 +458,24 @@ def test_singular_values_by_expressions_are_those_of_lapack(columns):
     ],
 )
 def test_derivatives_by_a_size_are_differences_of_designs(name, key, quantities):
-    """Derivatives of quantities by a size are five-point differences of other designs.
+    """Derivatives of quantities by a size agree with differences between designs.
 
-    `key` names the size in the mechanism file, an arc of a link. The quantities are
-    computed at four other sizes, 1e-4 rad apart. All rows have the same rates and
-    accelerations of the inputs, and the time 0. Errors count relative to the derivative, or
-    to 0.01 where that is smaller.
+    `Sensitivity` computes the derivatives. For comparison, the quantities are computed for
+    designs with four other sizes, at distances of 1e-4 and 2e-4 rad on both sides. They
+    give a finite difference of fourth order. `key` names the size in the mechanism file, an
+    arc of a link; `quantities` are names of columns. All rows have the same rates and
+    accelerations of the inputs, and the time 0. Errors are divided by the size of the
+    derivative plus 0.01, so that a derivative may be zero.
     """
     nominal = with_masses(name)
     count = len(nominal.inputs)
     nominal_size = design_variable(document_of(nominal), key).value  # deg
 
     def values_and_derivatives(mechanism):
-        """Return both at the same samples, as `Sensitivity.at` does."""
+        """Return the quantities of a design and their derivatives by the size.
+
+        The samples of the inputs are the same for all designs.
+        """
         samples = 4 if count == 1 else (2,) * count
         motion = sk.trace(mechanism, samples=samples, search=False)
         sensitivity = Sensitivity(mechanism, [key], quantities)

@@ -698,9 +698,13 @@ def test_a_pointing_that_is_no_vector_of_numbers_is_refused():
 
 @pytest.mark.slow
 def test_no_triangle_of_a_surface_spans_the_values_that_a_range_leaves_out(monkeypatch):
-    """Triangles stay within a range that leaves out less than the length of an edge.
+    """No triangle of a singularity surface bridges a narrow gap in the range of an input.
 
-    The mesh is made for full turns. One input then leaves out 0.1 rad about one vertex.
+    The mesh of triangles is made for inputs that make full turns. Then the range of one
+    input is narrowed: it leaves out 0.1 rad in the middle of the mesh. An edge of a
+    triangle is about 0.3 rad long, so it could bridge this gap. `reported` cuts the mesh
+    to the narrowed range. The vertices of a bridging triangle would be near both ends of
+    the range, which are almost a turn apart.
     """
     mechanism = with_full_turns(sk.load("three_rrr"))
     monkeypatch.setattr(surface_front, "MAX_FRONT_VERTICES", 60)

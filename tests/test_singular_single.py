@@ -209,9 +209,10 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
 def test_curves_of_two_four_bars_that_fold_at_once_cross_with_four_tangents():
     """Where both loops of a Watt chain lie flat, curves cross with four tangents.
 
-    The chain consists of two four-bars in a row: pairs 0 to 3, and pairs 3 to 6. Each flat
-    loop loses one rank, so 7 variables less the rank 4 of the equations leave 3 freedoms.
-    Each loop continues in two ways. The slopes of each four-bar alone (output angle per
+    The chain consists of two four-bars in a row: pairs 0 to 3, and pairs 3 to 6. The
+    equations of a loop have the rank 3, and only 2 where the loop is flat. So 7 variables
+    less the rank 4 of both loops leave 3 freedoms. From the flat configuration each loop
+    can move on along two curves. The slopes of each four-bar alone (output angle per
     input angle) give the four combinations that the crossing of the whole chain must have.
     """
     common_axis = np.array([1.0, 0.0, 0.0])

@@ -129,14 +129,17 @@ def test_singularities_are_warned_of_within_the_distance_that_near_states(rocker
 def test_pages_list_every_singularity_and_mark_it_on_the_phase_portrait(rocker_result):
     """A recording lists every singularity on its page, and marks it on phase portraits.
 
-    `rocker_result` has the tables of a double-rocker, and a listener with the drawings. A
-    portrait is a plot over the input. It has the marks of the whole configuration curve.
-    Both assembly modes are parts of one curve, so the portraits of both have all marks.
+    `rocker_result` has the tables of a run of a double-rocker, and a listener. The listener
+    keeps the pages that a recording would have, with their drawings. A portrait is a plot
+    over the input, with marks at the singularities of a whole configuration curve. Both
+    assembly modes are parts of one curve. So the portrait of each mode marks all
+    singularities.
     """
     result, listener = rocker_result
     frame = result.frame()
     page, _ = listener.last_scene("Singularities")
-    # The page has a row for each singularity; its axis has their numbers.
+    # The page has a table with a row for each singularity. Instead of the samples of the
+    # run, the page has the numbers of the singularities as its axis.
     (axis,) = page.over
     assert len(axis.values) == len(frame)
     (text,) = (item.markdown for item in page.primitives if isinstance(item, Text))

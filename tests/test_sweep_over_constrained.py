@@ -106,10 +106,11 @@ def marked(names):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", marked(VARIANTS))
 def test_the_nominal_design_has_the_figures_of_a_run(name, tmp_path):
-    """A sweep over one size, at the value of the file, gives the figures of a run.
+    """A sweep of only the nominal design gives the figures that follow from a run.
 
-    The mechanisms (`VARIANTS`) are over-constrained: some constraints repeat others. A
-    figure is a number for each assembly mode (way to assemble the links): here the largest
+    The sweep varies one size, and its only value is that in the mechanism file. The
+    mechanisms (`VARIANTS`) are over-constrained: some constraints repeat others. A figure
+    is a number for each assembly mode (way to assemble the links): here the largest
     velocity and acceleration coefficient of two links, and the root mean square of the sine
     of a joint angle. They are computed from tables of a run for comparison. With several
     inputs, each moves alone, and names of coefficients end in `_by_` and this input.
@@ -137,7 +138,7 @@ def test_the_nominal_design_has_the_figures_of_a_run(name, tmp_path):
         path, {key: [nominal_size]}, figures, tmp_path / "sweep", samples
     )
     assert set(frame["status"]) == {"OK"}
-    assert set(frame["closes"]) == {1.0}
+    assert set(frame["closes"]) == {1.0}  # the fraction of samples at which the mode exists
 
     counts = tuple(map(int, samples.split("x")))
     run = sk.run(path, "poles", samples=counts if len(counts) > 1 else counts[0])

@@ -315,9 +315,9 @@ def test_a_part_whose_process_is_ended_is_computed_by_another(
 ):
     """If the worker process of a part of a sweep is ended, another one computes the part.
 
-    The sweep has three parts of up to 16 designs. `end_processes` has the process of part
-    `number` ended once or twice by a signal. Each time is reported. The rows must be equal
-    bit by bit to those of an undisturbed sweep.
+    The sweep has three parts of up to 16 designs. With `end_processes`, the process that
+    computes part `number` ends itself by a signal, once or twice. The sweep reports each of
+    these ends. The rows must be equal bit by bit to those of an undisturbed sweep.
     """
     # A folder with a file for each process that ended.
     mark = end_processes(mode, number, signal_name)

@@ -165,9 +165,10 @@ def test_a_differential_has_derivatives_although_its_equations_repeat(tmp_path):
 def test_gradients_of_figures_on_wheels_agree_with_differences(tmp_path):
     """The gradient of a figure of merit agrees with central differences of its values.
 
-    Synthesis uses such gradients. The figure is the rate of pair 56 at the input 100 deg,
-    in the assembly mode "+". Angles could differ by whole turns of the wheels between two
-    designs, so the figure is a rate. The gradient is by two arcs, per degree.
+    Synthesis uses such gradients. The mechanism has wheels in mesh. The figure is the rate
+    of pair 56 at the input 100 deg, in the assembly mode "+". It is a rate, because an
+    angle of a wheel could differ by whole turns between two designs. The gradient is by two
+    arcs, per degree.
     """
     nominal = {"links.1.arcs.c": [70.0], "links.1.arcs.b": [50.0]}
     figure = "there=at(rate_56, 100)"

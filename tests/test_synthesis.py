@@ -699,6 +699,13 @@ figures = { peak = "max(abs(torque))", sw = "range(theta_41)" }
 def test_a_figure_with_the_name_of_a_column_of_the_result_is_refused(
     name, minimise, tmp_path
 ):
+    """A figure of merit must not have the name of another column of the result.
+
+    The result of a synthesis has a column for each objective in `minimise`. It is called
+    "objective", or "objective_1", "objective_2" if there are several. The column "match"
+    has the error at the precision points. Here the figure of merit has the name `name`,
+    which is one of these names.
+    """
     path = tmp_path / "synthesis.toml"
     path.write_text(
         f"""

@@ -180,9 +180,9 @@ def test_samples_of_the_five_bar_agree_with_its_kinematics(five_bar_result):
 
     `five_bar_result` is the workspace of the working mode +- (signs 1 and -1 of the two
     legs), in which the axes of the pairs 21 and 43 must be 10 degrees apart. Forward
-    kinematics of the inputs of a sample must lead back to its direction. `type_1` (of each
-    input) and `type_2` are sines of the angle to a singularity. The table has the least
-    `type_1`.
+    kinematics of the inputs of a sample must lead back to its direction. `type_1` (a value
+    for each input) and `type_2` measure the distance from singularities of types I and II.
+    They are zero at a singularity. The table has the least of the values of `type_1`.
     """
     table = five_bar_result.frame("workspace")
     directions = table[["x", "y", "z"]].to_numpy()

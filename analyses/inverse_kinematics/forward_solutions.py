@@ -100,7 +100,8 @@ class ForwardSolutions:
             for name in POSE_ANGLES:
                 if name in columns and np.isfinite(columns[name][row]):
                     angles.append(self._describe_angle(name, row))
-            # The column "pose" has the number of the set of inputs.
+            # In this table, the column "pose" has the number of the set of inputs that
+            # leads to the pose.
             input_set = columns["pose"][row]
             sentence = f"Inputs {input_set}: {', '.join(angles)}"
             if columns["working_mode"][row]:

@@ -413,10 +413,10 @@ class InverseSolutions:
         # A row of the solutions is one pose in one working mode (way to assemble the legs).
         # The row has a measure of type I for each input, and one of type II. At type I the
         # output rests while an input moves. At type II the output can move while the inputs
-        # rest. A measure is taken as the sine of the angle to such a singularity. The
-        # smallest one counts.
+        # rest. Each measure is understood as the sine of the angle to a singularity of its
+        # type. The smallest one counts.
         type_1 = np.min(solutions.type_1, axis=1)
-        # `fmin` ignores a measure that is NaN if the other is a number.
+        # If one of two measures is NaN, `fmin` returns the other one.
         row_measure = np.fmin(type_1, solutions.type_2)
         # Rows without a solution have the measure NaN, which becomes 0.
         row_measure = np.nan_to_num(row_measure)
@@ -482,10 +482,11 @@ class InverseSolutions:
     def _legend(self) -> Text:
         """Return a text in Markdown: how many poses have how many solutions.
 
-        The text explains two terms. A working mode (way to assemble the legs at a pose) is
-        a sign for each leg, in the order of `solver.legs`. The measure of a pose in a mode
-        is the smaller of its angles to the two types of singularity. The best mode has the
-        largest measure.
+        The text also explains what the second page shows. A working mode (way to assemble
+        the legs at a pose) is a sign for each leg, in the order of `solver.legs`. At a
+        singularity of type I the output rests while an input moves. At type II the output
+        can move while the inputs rest. The measure of a pose in a mode is its angle to the
+        nearer of both. The best mode has the largest measure.
         """
         table_rows = [
             f"| {solutions} | {poses} |\n"

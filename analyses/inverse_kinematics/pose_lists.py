@@ -63,14 +63,16 @@ class PoseList:
 
 @dataclass(frozen=True)
 class NumberTable:
-    """Numbers that describe n poses, before their conversion to poses.
+    """Numbers from a list, file or window (grid), before their conversion to a `PoseList`.
+
+    A row describes one pose in some form, for example by azimuth and tilt, or has inputs.
 
     Attributes
     ----------
     terms
         Name of the number in each of k columns, such as azimuth and tilt.
     rows
-        (n, k) numbers, one row for each pose.
+        (n, k) numbers, one row for each pose or set of inputs.
     units
         Unit of columns by name, if it is known.
     locations
@@ -308,8 +310,9 @@ def _read_window(
 ) -> NumberTable:
     """Return the numbers of all poses of a regular grid.
 
-    A form is one of the descriptions of a pose, given by the names (terms) of its numbers.
-    An example is (azimuth, tilt).
+    A pose can be given by different numbers, such as azimuth and tilt. The names of these
+    numbers are called terms. A tuple of terms that describes a pose, such as
+    (azimuth, tilt), is a form. The names in `window` tell which form is meant.
 
     Parameters
     ----------

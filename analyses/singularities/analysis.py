@@ -161,7 +161,7 @@ class SingularityAnalysis(AbstractAnalysis):
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Check all parameters, and return what this analysis reads of a run.
+        """Check all parameters, and return which results of a run this analysis reads.
 
         The analysis reads the links of the outputs and the position analysis (`tracer`).
         The position analysis follows curves of configurations, on which singularities are
@@ -192,8 +192,9 @@ class SingularityAnalysis(AbstractAnalysis):
             # This raises an error if the mechanism declares no output.
             output_of(mechanism)
             # `input_grid` is for the search of aspects: connected sets of configurations
-            # without singularities. More than three inputs can always move while the output
-            # rests, so every configuration is singular.
+            # without singularities. An output has at most three degrees of freedom. So more
+            # than three inputs can move while it rests, and every configuration is
+            # singular.
             if self.input_grid and len(mechanism.inputs) > MAX_OUTPUT_FREEDOMS:
                 raise AnalysisError(
                     f"singularities: input_grid: {no_aspects(mechanism)}; leave it out, or "

@@ -166,8 +166,8 @@ class OneInput:
         rate of the input or output is zero. The singularity is double if this rate does not
         change its sign there. Other columns are:
 
-        - `inside`: whether the singularity is in the range of the input, or is passed in a
-          simulation.
+        - `inside`: whether the singularity is in the range of the input. For a simulation,
+          whether its motion passes the singularity.
         - `certain`: whether its kind is certain despite rounding errors.
         - `guarantee`: how completely the curves are known.
         """
@@ -181,7 +181,7 @@ class OneInput:
         for point in report.resting_curves:
             # A piece is a part of a curve in one assembly mode (way to assemble the links).
             pieces = sampled.configurations.curves[point.curve].pieces
-            # A simulation passes only curves on which it has rows.
+            # A simulation moves along this curve if some of its rows are on it.
             is_inside = not sampled.is_simulation or point.curve in sampled.curve
             rows.append(
                 {
@@ -600,7 +600,9 @@ class OneInput:
         the relative rotation of two links. The six axes are those of any two of four links:
         the input link, its reference, the output link and a fourth link, such as the
         reference of the output. The three axes of any three of these links are in one
-        plane. The two planes that are drawn coincide at the singularity.
+        plane, which gives four planes. Two of the four planes coincide at a singularity,
+        and these two are drawn. They depend on the type of the singularity, see
+        `_coinciding_planes`.
 
         Curves that are singular as a whole are left out.
         """
@@ -707,10 +709,15 @@ def _coinciding_planes(
 
     A pole axis is the axis of relative rotation of two links. Six pole axes are those of
     any two of four links: the input link, its reference, the output link and a fourth link,
-    usually the reference of the output. Each plane contains the three pole axes of three of
-    these links. At type I (the output rests while the input moves) other planes coincide
-    than at type II (the input rests while the output moves). All types but I are drawn with
-    the planes of type II.
+    usually the reference of the output. The three pole axes of any three of these links are
+    in one plane. At a singularity, two of these planes coincide:
+
+    - At type I (the output rests while the input moves) they depend on whether input
+      and output, with their references, are four different links.
+    - At type II (the input rests while the output moves) they are always the same two.
+
+    `AXES_OF_PLANES` lists the axes of these planes. Singularities of other types are drawn
+    with the planes of type II.
 
     Parameters
     ----------
@@ -719,10 +726,12 @@ def _coinciding_planes(
     kinds
         (n,) the types of the singularities as texts.
     have_four_links
-        (n,) whether the links of input and output are four different links.
+        (n,) whether the links of input and output, with their references, are four
+        different links.
     """
     is_type_1 = np.array([kind == "I" for kind in kinds], dtype=bool)
     planes: list[Primitive] = []
+    # A triplet is three links with their three pole axes in one plane.
     for number, label in enumerate(("one triplet", "the other")):
         # The second result of `plane`, a measure of accuracy, is not needed.
         normals, _ = six_poles.plane(AXES_OF_PLANES["II"][number])

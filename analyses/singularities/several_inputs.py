@@ -257,8 +257,8 @@ class SeveralInputs:
                     tables.append(
                         {
                             "kind": locus.kind,
-                            # Some of the singular configurations have inputs in their
-                            # ranges.
+                            # Configurations with inputs within their ranges are
+                            # singular, too.
                             "inside": "yes",
                             "residual": 0.0,
                             "output": name,

@@ -334,16 +334,19 @@ def _describe_formulas(formula_set: Formulas) -> str:
 
 
 def _describe_mode_table(mode_table: ModeTable) -> Names:
-    """Return sentences on the assembly modes that exported source code does not compute.
+    """Return notes for the user on the assembly modes in exported source code.
 
-    An assembly mode is one of the ways to assemble the mechanism. The sentences are:
+    An assembly mode is one of the ways to assemble the mechanism. The source code solves
+    the same equations in all modes that it computes. Other modes are left out. A mode that
+    is left out is undetermined if these equations depend on each other in the mode. Source
+    code for only this mode can use other equations.
 
-    - Which modes are left out of the source code, for each reason.
-    - How to get source code for some of these modes, the undetermined ones. The source code
-      solves the same equations in all its modes. In an undetermined mode these equations
-      depend on each other. Source code for only this mode uses other equations.
-    - What happens where the configuration curves of two modes cross. Such a curve consists
-      of all configurations of a mode, over the input.
+    There are up to three kinds of notes:
+
+    - Which modes are left out, for each reason.
+    - How to get source code for an undetermined mode.
+    - At which inputs the configuration curves of two modes cross. Such a curve consists of
+      all configurations of a mode, over the input.
     """
     notes = []
     for reason, names in mode_table.left_out_by_reason().items():
@@ -357,7 +360,8 @@ def _describe_mode_table(mode_table: ModeTable) -> Names:
             "a source for a single mode solves equations that determine it, for example "
             f"with --assembly-mode {first_number}, in Python assembly_mode={first_number}"
         )
-    # None if modes do not change at crossings.
+    # `smooth` is None unless the user asked for modes that follow smooth curves through
+    # crossings (option "pass").
     if mode_table.smooth is not None:
         notes.append(_describe_crossings(mode_table.smooth))
     return tuple(notes)

@@ -299,7 +299,7 @@ class Kinematics:
         rotate relative to each other.
 
         The derivative is NaN in rows in which the links hardly rotate relative to each
-        other: fewer than six digits of the derivative would be known there.
+        other. In these rows, fewer than six digits of the derivative would be correct.
         """
         return self._drop_axis_if_single(
             self._batch.direction_dq(*self._pole(pole), self._moving(moving))
@@ -418,12 +418,13 @@ class Kinematics:
         return pole
 
     def _of_first_link(self, text: str, values: Floats) -> Floats:
-        """Return velocity or acceleration coefficients with the sign for an order of links.
+        """Return coefficients with the sign for the order in which a user named two links.
 
-        A coefficient is the angular velocity of one link relative to another, per unit rate
-        of the input. It changes its sign if the two links are exchanged, since the
-        direction of the pole axis stays (Di Gregorio 2024, eq. 1). In `values` the link
-        with the larger index moves relative to the other link.
+        A velocity coefficient is the angular velocity of one link relative to another, per
+        unit rate of the input. An acceleration coefficient is its derivative. Both change
+        their signs if the two links are exchanged, since the direction of the pole axis
+        stays (Di Gregorio 2024, eq. 1). In `values` the link with the larger index moves
+        relative to the other link.
 
         Parameters
         ----------
@@ -488,8 +489,8 @@ def evaluate(
         The only assembly mode to compute: the number that `run` gives it, or its name in
         the file. By default all modes are computed. There is an exception: if the mechanism
         has several inputs and an Assur group (links that are placed together) larger than a
-        dyad, modes are numbered along the inputs of this call. `run` may then number them
-        in another way.
+        dyad, modes are numbered from the inputs of this call only. `run` may then number
+        them in another way.
     crossings
         How an assembly mode continues where its curve of configurations crosses the curve
         of another mode. A dyad (two links with three R pairs) can be assembled in two ways,
@@ -787,6 +788,8 @@ class _SingleRowEvaluator:
     def _kernel_arguments(self, q: float) -> list[float] | None:
         """Return the numbers from which the kernel computes the configuration at q (rad).
 
+        The kernel is the object whose functions compute a configuration and its poles.
+
         A mechanism of dyads (groups of two links) has a closed form. A dyad can be
         assembled in two ways, and a sign (1 or -1) selects one. The numbers are then q and
         the sign of each dyad.
@@ -863,8 +866,8 @@ def _orient_poles(
     # view, so changing it changes `columns`.
     reversible_columns = column_layout.reversible_columns(columns)
     directions = reversible_columns[:3]
-    # The function can have a different sum for each assembly mode (way to assemble the
-    # links). Here there is one configuration, so the indices of row and mode are 0.
+    # `signs_by_axis_sums` takes a sum for each assembly mode (way to assemble the links).
+    # Here there is one configuration, so the indices of row and mode are 0.
     find_signs = signs_by_axis_sums(np.array([axis_sum]))
     reversible_columns *= find_signs(directions, 0, 0)
 

@@ -74,10 +74,10 @@ def sweep(
         text. The text ``"10:40:31"`` states 31 values from 10 to 40. The text ``"10:40"``
         states all values from 10 to 40, of which `designs` chooses some.
     reduce
-        Figures of merit, such as ``"least=min(transmission_angle_43)"``. A text has a name,
-        which may be left out, and a reduction such as ``min`` over the configurations of a
-        design. The argument of the reduction is an expression of quantities of a
-        configuration (rad, SI).
+        Figures of merit, such as ``"least=min(transmission_angle_43)"``. The name before
+        ``=`` is that of the column in the result and may be left out. A reduction, such as
+        ``min``, makes one number of the values at all configurations of a design. Its
+        argument is an expression of quantities of a configuration (rad, SI).
     analyses
         Names of analyses whose own figures of merit are computed too.
     tables
@@ -137,6 +137,9 @@ def sweep(
     ... )
     >>> found.frame()[["links_2_arc", "grashof", "least"]].shape
     (12, 3)
+
+    The column ``grashof`` has the Grashof class of a four-bar: which of its links turn
+    fully.
     """
     study = study_of(subject)
     angle_unit = study.mechanism.angle_unit
@@ -276,15 +279,14 @@ def _labels_of_mode(study: Study) -> Names:
     """Return the labels by which a sweep may call the assembly mode of a study.
 
     A sweep analyses many designs (choices of sizes). The labels serve to select the rows of
-    one assembly mode (way to assemble the mechanism). Rows of different designs may label
-    the same mode differently. For mode 1 with the signs ``+-`` there are four labels:
+    one assembly mode (way to assemble the mechanism). The same mode may have different
+    labels in the rows of different designs. Mode 1 with the signs ``+-`` has four labels:
 
     - ``+-``, a sign for each dyad (group of two links);
     - ``1 +-``, number and signs;
     - ``1``, the number alone;
-    - ``run 1``, the number after the word "run". Usually modes are found by a fast
-      computation of many designs. This label is for a mode that was found only when its
-      design was run singly.
+    - ``run 1``, the number after the word "run". Usually a fast computation of many designs
+      finds the modes. This label is for a mode that only a run of its single design found.
 
     If the study states no mode, all modes are computed and there are no labels.
 

@@ -512,8 +512,8 @@ def _certify_wheels(decimal_mechanism: "DecimalMechanism") -> Certification:
     from spherekit.proof.certificate import wheels_certificate
 
     structure = decimal_mechanism.structure
+    # The balls are computed with `PRECISION_BITS` bits.
     with working_precision(PRECISION_BITS):
-        # Balls are computed with this many bits.
         ratios = decimal_mechanism.follower_ratios()  # (followers, inputs)
     inputs = structure.names_of(structure.inputs)
     report = ScreenReport(

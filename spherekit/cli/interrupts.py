@@ -26,7 +26,7 @@ def raise_on_interrupt(process_ends: bool) -> Iterator[None]:
     ----------
     process_ends
         Whether the process ends after the block. If so, a signal after the block ends the
-        process at once. Otherwise the previous handlers are restored.
+        process at once, without an exception. Otherwise the previous handlers are restored.
     """
     former_handlers = {number: signal.getsignal(number) for number in INTERRUPTS}
     handled = [

@@ -233,7 +233,8 @@ def _swing_heading(outputs: Sequence[Any], turns: bool) -> str:
     outputs
         The facts of all outputs, from the overview of the motion.
     turns
-        Whether all outputs make at least one revolution in all assembly modes.
+        Whether every output rotates by at least one revolution in every assembly mode. The
+        heading is then ``turns by``.
     """
     if turns:
         return "turns by (deg)"

@@ -529,8 +529,8 @@ def _setting_for_tolerance(
 
     A setting is one way to compute, such as an integrator with its own tolerance. A trade
     is a measurement of the time and error of each setting. The setting is chosen from the
-    stored trades that ``--trade`` names. Without ``--trade``, a long run makes a trade
-    itself, and a short run has the ordinary setting.
+    stored trades that ``--trade`` names. Without ``--trade``, a run of many samples makes
+    a trade itself. A run of few samples has the ordinary setting (see `choose`).
 
     A simulation without ``--trade`` is different: ``--tol`` is the tolerance of its
     integration. Then no setting is chosen.

@@ -741,6 +741,7 @@ def _cause(status: str, summary: Any) -> str:
             "the links cannot be assembled at these inputs, or no verified path leads "
             "there from a neighbouring sample; narrow the ranges, or take more samples"
         )
+    # "closes" lists the samples at which the loops of links close in a mode.
     closes_somewhere = any(
         entry["closes"] for entry in summary["overview"]["modes"].values()
     )
@@ -783,6 +784,7 @@ def _accuracy(summary: Any) -> str:
     bounds = f"at each sample are at most {', '.join(texts)}"
     overview = summary["overview"]
     # The report has a table of outputs only if modes were found and outputs are examined.
+    # The line then begins with a sentence about this table, which says how accurate it is.
     has_output_table = summary["assembly_modes"] and overview["outputs"]
     if has_output_table:
         return f"{_table_accuracy(overview)}. Errors {bounds}"
@@ -986,10 +988,10 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
         steps.append((command, "motion: ranges of outputs and velocity ratios"))
     if outputs and "singularities" not in names and not is_simulation:
         # With several inputs, singular configurations form curves or surfaces.
-        places = "exact places of singularities"
+        description = "exact places of singularities"
         if len(summary["inputs"]) > 1:
-            places = "all singular configurations"
-        steps.append((f"{command} -a singularities", places))
+            description = "all singular configurations"
+        steps.append((f"{command} -a singularities", description))
     # These three analyses compute driving torques. "eksergian" uses Eksergian's equation of
     # motion, which is for one input. "dynamics" takes any number of inputs.
     has_torques = bool(names & {"eksergian", "dynamics", "statics"})
@@ -1142,6 +1144,6 @@ def accuracy_line(choice: Any) -> str:
     if predicted_error is not None:
         # ``why`` names the earlier measurement.
         return f"{line}, from this measurement{unmet}"
-    # Neither error is known, since no requested result depends on the samples, which the
-    # setting concerns.
+    # A setting concerns the computation of samples. Neither of its errors is known if no
+    # requested result depends on samples.
     return f"{line}; no requested result depends on samples"

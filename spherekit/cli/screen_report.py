@@ -158,6 +158,9 @@ def _widths_with_whole_cells(
 ) -> list[int]:
     """Return the least width of each column if headings may be broken, but cells not.
 
+    The caller allows more and more lines for the headings, until the table fits the
+    terminal.
+
     Parameters
     ----------
     headings

@@ -314,7 +314,8 @@ def _read_answer(
 
     Returns
     -------
-    The content of the files, or None if the worker wrote them to the folder itself.
+    The content of the files, or None if the worker wrote them to the folder of the sweep
+    itself.
 
     Raises
     ------
@@ -349,8 +350,8 @@ def _read_answer(
             "machine"
         ) from None
     except (CancelledError, OSError):
-        # The status "error" means that computing the part on the worker raised the error.
-        # With any other status, the connection to the scheduler failed.
+        # Either computing the part on the worker raised this error, or the connection to
+        # the scheduler failed. The future has the status "error" only in the first case.
         if part_future.status == "error":
             raise
         raise _lost_scheduler(address) from None

@@ -603,17 +603,18 @@ class Descent:
     def _candidate_starts(
         self, optimum: LocalOptimum, optima: Sequence[LocalOptimum]
     ) -> CandidateStarts:
-        """Return all designs from which a descent may start to beat an optimum.
+        """Return all designs at which descents to a better design may start.
 
-        The result has designs that were evaluated before all descents, and optima of other
-        descents. All have the same assembly mode (way to assemble the mechanism) as the
-        optimum.
+        A descent from each start aims at a design that is better than an optimum in all
+        objectives. The result has designs that were evaluated before all descents, and
+        optima of other descents. All have the same assembly mode (way to assemble the
+        mechanism) as the optimum.
         """
         # Of earlier designs, only the label of the mode is known, so labels are compared.
         is_same_mode = self.modes == optimum.mode.label
         points = [self.points[is_same_mode]]
         objectives = [self._row_objectives[is_same_mode]]
-        # The modes of optima are compared by `continues_in`.
+        # Of optima, the modes themselves are known. `continues_in` compares them.
         for candidate in optima:
             if candidate.mode.continues_in(optimum.mode):
                 points.append(candidate.x[None, :])

@@ -73,7 +73,7 @@ def parse_condition(text: str, names: Collection[str]) -> Condition:
     text
         The condition: two expressions with ``<``, ``<=``, ``>`` or ``>=`` between them.
     names
-        Names of the columns that the expressions may contain.
+        Names that the expressions may contain: columns of the table of designs.
 
     Returns
     -------

@@ -541,8 +541,8 @@ class DesignEvaluator:
         kernel
             Computes quantities of many designs at once.
         sizes
-            (sizes, n) arguments of the kernel that differ between the n designs (rad, SI
-            units).
+            (sizes, n) arguments of the kernel that differ between the n designs, in rad and
+            SI units, which follow from `file_values`.
         file_values
             (variables, n) the numbers that the user varies, in the units of the file.
 
@@ -551,7 +551,8 @@ class DesignEvaluator:
         table
             The rows of all designs that are not lost.
         lost_designs
-            Indices of the designs of which tracking has lost a solution.
+            Indices of the designs of which tracking has lost a solution. The caller
+            evaluates them one by one.
         """
         if self.tracks_solutions:
             return self._evaluate_tracked_modes(kernel, sizes, file_values)

@@ -405,7 +405,7 @@ class RedundantKernel:
         prepared
             (k, 1) arguments of this kernel that follow only from the sizes.
         rows
-            (arguments, n) the other arguments, as for `evaluate`.
+            (arguments, n) the other arguments, for example inputs and pair variables (rad).
         """
         # The sizes are the same at all configurations.
         repeated = np.broadcast_to(prepared, (len(prepared), rows.shape[1]))
@@ -415,6 +415,10 @@ class RedundantKernel:
 
 def _find_rate_columns(expressions: DesignExpressions, columns: Sequence[str]) -> Bools:
     """Return a mask of the columns (quantities) that follow from rates of pairs (joints).
+
+    The equations of the rates can be chosen in several ways, with a kernel for each. The
+    caller takes these columns from the kernel with the least error of the rates. Other
+    columns are the same in every kernel.
 
     The rates solve linear equations. By Cramer's rule they are quotients with the
     determinant of the equations as denominator. So a quantity depends on rates if its
@@ -445,14 +449,17 @@ def _select_distinct_choices(
 ) -> list[DesignExpressions]:
     """Return expressions that solve different equations for the rates, without repetition.
 
-    If constraints are redundant, each of `expressions` solves some choice of independent
-    equations. Of those with the same choice the first one is returned.
+    With redundant constraints, there are more equations for the rates than independent
+    ones. Each item of `expressions` solves the equations that were chosen as independent at
+    one configuration. The caller makes a kernel (function of configurations) from each
+    returned item. For items with the same chosen equations one kernel is enough, so only
+    the first of them is returned.
     """
     expressions_by_choice: dict[str, DesignExpressions] = {}
     for candidate in expressions:
         # A group is a set of links whose positions are found together. Some of its
-        # variables occur in one loop only and are eliminated first. Independent equations
-        # are then chosen from the rest.
+        # variables occur in one loop only. These private variables are eliminated from the
+        # equations first. Independent equations are then chosen from the remaining ones.
         choice = repr(
             [
                 (group.private_variables, group.chosen_equations)

@@ -124,10 +124,11 @@ class GeometricAngle(NamedTuple):
           (joint) axis, and each ends at another pair axis.
         - "angles": the angle at the first pair axis of a link, between its first arc and
           another arc.
-        - "zeros": the angle at which the variable of a pair is zero, from the first arc of
-          one link to that of the other link.
+        - "zeros": the angle at a pair from the first arc of one link to the first arc of
+          the other link, in the position in which the variable of the pair is zero.
         - "values": the variable of a pair in a reference pose (known configuration).
-        - "longitudes" and "latitudes": those of a pair axis in a reference pose.
+        - "longitudes" and "latitudes": the longitude or the latitude of a pair axis in a
+          reference pose.
         - `POINTED`: longitude or latitude of a direction of an output.
     owner
         To what the angle belongs:
@@ -323,9 +324,10 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
     """Return the sizes of links as design variables, if the file has a reference pose.
 
     A file states either the sizes of links, or the axes of all pairs (joints) in a
-    reference pose. In the second case this function derives the sizes. An arc is the angle
-    between the first axis of a link and another axis of the link. An angle says how far the
-    plane of another arc is turned from the plane of the first arc.
+    reference pose. In the second case this function derives the sizes. The caller can then
+    take derivatives with respect to them. An arc is the angle between the first axis of a
+    link and another axis of the link. An angle says how far the plane of another arc is
+    turned from the plane of the first arc.
 
     The result has the sizes by their keys, such as ``links.2.arc``. The result is empty if
     the file has sizes, or if there are contacts (pairs in which two links touch along
@@ -341,12 +343,13 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
         sizes = pose_sizes(mechanism, link)
         kinds = [kind for kind, *_ in sizes]
         for kind, pair, value, _derivatives in sizes:
-            # The only arc of a link has the key "arc", one of several "arcs.PAIR".
+            # If a link has a single arc, its size key is "arc". Each of several arcs has
+            # the size key "arcs.PAIR". Angles have the keys "angle" and "angles.PAIR".
             size_key = kind[:-1] if kinds.count(kind) == 1 else f"{kind}.{pair}"
             key = f"links.{link}.{size_key}"
-            # A design variable has the place of its number in the file: a table and keys in
-            # it. This file has no such number, so a place is invented, a different one for
-            # each size.
+            # The path of a design variable says where its number is in the file: the name
+            # of a table, then keys in this table. The file has no number for a derived
+            # size, so a path is invented, a different one for each size.
             path = ("links", link, kind, pair)
             geometric_angle = GeometricAngle(kind, (link, pair))
             variables[key] = DesignVariable(key, path, value, geometric_angle)
@@ -376,11 +379,12 @@ def default_size_keys(mechanism: Mechanism) -> Names:
 
 
 def _arc_and_angle_keys(geometry: SizeGeometry) -> Names:
-    """Return the keys of the arcs and angles of links, as far as they vary by default.
+    """Return the keys of the arcs and angles of links that vary by default.
 
     A link with one arc has the key ``links.LINK.arc``. A link with several arcs has a key
     ``links.LINK.arcs.PAIR`` for each of them. The keys of angles have the same form.
-    `coaxial_links` are left out: with other sizes their axes would not coincide.
+    `coaxial_links` are left out. Two axes of such a link coincide, which they would not do
+    with another arc.
     """
     keys = []
     coaxial = coaxial_links(geometry)

@@ -322,7 +322,8 @@ class DesignTable(ArrayRows):
         mode
             Label of the assembly mode.
         is_working_mode
-            Whether it is the label of a working mode instead.
+            Whether `mode` is instead the label of a working mode (way to assemble the links
+            at a fixed pose of the output).
         closes
             Fraction of the samples of the inputs at which the mechanism can be assembled.
         status, reason
@@ -406,9 +407,9 @@ def _inputs_at_time_zero_of_path(q: Floats) -> Floats:
     """Return the inputs (inputs,) in rad at time zero, for samples on a path.
 
     A path has no times, but figures of merit (numbers that rate a design) may contain the
-    time. By convention the first input changes at 1 rad/s. A single input has its smallest
-    value at time zero, so that no time is negative. With several inputs, time zero is at
-    the first sample.
+    time. By convention the time is the first input, less its value at time zero, divided by
+    1 rad/s. A single input has its smallest value at time zero, so that no time is
+    negative. With several inputs, time zero is at the first sample.
 
     Parameters
     ----------

@@ -482,7 +482,8 @@ class PathCorrection:
     first_length, second_length
         (m,) largest change (rad) of a variable in each step.
     determinant
-        (m,) determinant of the linearised closure equations before the second step.
+        (m,) determinant of the linearised closure equations before the second step. If it
+        changes its sign on a real path, the path may have jumped to another mode.
     """
 
     values: Array
@@ -491,10 +492,11 @@ class PathCorrection:
     determinant: Array
 
     def contracts(self, contraction: float) -> Bools:
-        """Return a mask (m,) of the paths on which Newton's method keeps to its prediction.
+        """Return a mask (m,) of the paths on which Newton's method stays near its start.
 
-        The first step must be short. The second step must be shorter than the first one
-        times `contraction`. Longer steps may lead to another solution.
+        The start is the predicted configuration. The first step must be short. The second
+        step must be at most `contraction` times the first one, or as small as rounding
+        (`NEGLIGIBLE_STEP_RAD`). Longer steps may lead to another solution.
         """
         is_short = self.first_length < MAX_FIRST_NEWTON_STEP_RAD
         return is_short & (
@@ -603,7 +605,7 @@ def _has_converged(solutions: Array, last_step: NewtonStep) -> Bools:
     growth = np.exp(2.0 * imaginary_part)
     is_short_step = max_abs(last_step.change, 0) < FINAL_STEP_RAD * growth
     is_closed = np.abs(last_step.squared_residual) < (CLOSURE_TOLERANCE_RAD * growth) ** 2
-    # A solution with a larger imaginary part counts as infinite.
+    # A solution counts as infinite from this imaginary part on.
     is_finite = imaginary_part < MAX_IMAGINARY_PART_RAD
     return is_short_step & is_finite & is_closed
 

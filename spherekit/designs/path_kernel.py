@@ -276,7 +276,7 @@ class PathKernel:
         """Create the functions that compute Newton steps of the loop-closure equations.
 
         Newton's method follows configurations of many designs (choices of sizes) along
-        paths. Some paths lead through complex configurations, so that no two meet.
+        paths. Some lead through complex configurations, so that no two paths meet.
 
         Parameters
         ----------
@@ -306,12 +306,14 @@ class PathKernel:
         self._outputs, expression_by_symbol = separate_constant_parts(outputs, moving)
         prepared_symbols = [*expression_by_symbol]
         prepared_expressions = [*expression_by_symbol.values()]
-        # The order of the arguments: pair variables, columns of profiles, prepared numbers.
+        # The order of the arguments: pair variables, geometry of contact curves, prepared
+        # numbers.
         self._arguments = [*moving, *prepared_symbols]
         self.prepare = expression_function(
             prepared_expressions, expressions.size_symbols, self.compiled
         )
-        # The function for real configurations.
+        # The function for real configurations. `_evaluate_complex` is the one for complex
+        # configurations.
         self._evaluate_real = expression_function(
             self._outputs, self._arguments, self.compiled
         )
@@ -367,25 +369,27 @@ class PathKernel:
         return ["".join(signs_of_configuration) for signs_of_configuration in signs.T]
 
     def newton_step(self, values: Array, numbers: Floats) -> NewtonStep:
-        """Return one step of Newton's method that closes the loops of links.
+        """Return one step of Newton's method for the loop-closure equations.
 
-        The inputs stay constant. The equations are linearised at the present configuration.
+        The step belongs to n configurations on the paths that are followed. The equations
+        are linearised at these configurations. The inputs stay constant.
 
         Parameters
         ----------
         values
-            (variables, n) real or complex pair (joint) variables in rad before the step.
+            (variables, n) pair (joint) variables in rad before the step. They are complex
+            on paths that lead through complex configurations.
         numbers
             (k, n) the other numbers in the equations, which are real. First come the
             tangent, point and curvature of contact curves, if these are not circles. Then
-            come the parts of the equations that depend only on the sizes, from `prepare`.
+            come the numbers that `prepare` computes from the sizes of the mechanism.
 
         Returns
         -------
         The changes of the variables, the determinant of the closure equations, and their
         squared residual before the step.
         """
-        # The complex function has two arguments, since only the values are complex.
+        # The complex function takes the complex and the real numbers separately.
         if np.iscomplexobj(values):
             outputs = self._evaluate_complex(values, numbers)
         else:

@@ -324,8 +324,8 @@ class DesignProfiles:
     def _differentiate_curves(self, slopes: Floats) -> dict[int, CurveDerivative]:
         """Return the derivatives of all contact profiles with respect to a design variable.
 
-        A profile is a curve that is defined by numbers, such as its radius. Derivatives of
-        these numbers give the derivative of the curve by the chain rule.
+        A profile is a curve that is defined by numbers, such as the radius of a circle.
+        Derivatives of these numbers give the derivative of the curve by the chain rule.
 
         Parameters
         ----------
@@ -345,7 +345,7 @@ class DesignProfiles:
             start = end
             if np.any(slopes_of_profile):
                 # The arc length of a curve may be counted against the direction in which
-                # the file describes the curve.
+                # the mechanism file describes the curve.
                 curve_derivatives[index] = differentiate_profile(
                     profile, directed_profile.runs_backwards, slopes_of_profile
                 )
@@ -472,7 +472,9 @@ class ProfilesTowardsDraws:
         """Return the geometry of contact profiles at points of paths between designs.
 
         A draw is a design with random deviations from the nominal design. A path leads from
-        the nominal design to a draw. The columns (tangent, point, curvature) of both
+        a configuration of the nominal design to one of a draw, and the design changes along
+        it. Newton's method closes the loops at points of the path, and needs the profiles
+        there. Nine numbers describe a profile at the point of contact. The numbers of both
         designs are computed at the same pair variables and interpolated. So no profiles of
         designs in between have to be computed.
 
@@ -487,11 +489,12 @@ class ProfilesTowardsDraws:
 
         Returns
         -------
-        (9 * profiles, m) columns: tangent (3), point (3), geodesic curvature and its two
-        derivatives. Each is a row of this array. They are NaN if the draw is an impossible
-        design. The second derivative is not needed for closing the loops, and is always
-        NaN.
+        (9 * profiles, m) numbers: for each profile the tangent (3), the point (3), the
+        geodesic curvature and its first two derivatives with respect to arc length. The
+        numbers are NaN if the draw is an impossible design. The second derivative is not
+        needed for closing the loops, and is always NaN.
         """
+        # `columns` are the nine numbers of each profile. Here they are rows of the array.
         # Paths start at several configurations of the nominal design. From each of them,
         # one path leads to each draw, in the order of the draws.
         draws_of_points = paths % len(self.draws)
@@ -607,8 +610,9 @@ def differentiate_profile(
 
     Returns
     -------
-    A function of arc lengths (n,) that returns derivatives of the profile's columns:
-    tangent (3), point (3), curvature, and its derivative with respect to arc length.
+    A function of arc lengths (n,) that returns (8, n) derivatives with respect to the
+    variable: of the tangent (3), the point (3), the curvature k, and dk/ds with the arc
+    length s.
     """
     if profile.points:
         return differentiate_spline(

@@ -532,6 +532,9 @@ class Sensitivity:
     def _list_links_of_number(self, path: KeyPath) -> list[str]:
         """Return the names of the links that a number of the mechanism file affects.
 
+        A run needs these links for derivatives with respect to the number. It leaves out
+        links that no derivative needs.
+
         If the number belongs to a pair (joint), these are its two links. If the number
         belongs to a link, these are the links of all its pairs. A name may occur several
         times.
@@ -629,16 +632,16 @@ class Sensitivity:
         times_in_s = samples[:, -1]
         self._check_times(times_in_s)
         # A kernel (function of many configurations) computes the quantities and their
-        # derivatives. In the kernel, links between the centres of circles can replace
-        # contacts of circles. The pair variables of such a kernel differ from those of the
-        # mechanism.
+        # derivatives. The kernel may describe an equivalent linkage, in which links between
+        # the centres of circles replace contacts of circles. Its pair variables differ from
+        # those of the mechanism.
         kernel_variables = self._kernel_variables(values)
         column_gradients = self._nominal_design.evaluate_gradients(
             self._gradient_kernel,
             samples.T,
             position_arguments=kernel_variables.T,
-            # Contact profiles (curves) that are not circles are evaluated at these
-            # variables of the mechanism.
+            # Contact profiles (curves) that are not circles remain in the linkage. They are
+            # evaluated at the variables of the mechanism.
             pair_values=values,
         )
         return column_gradients.columns, column_gradients.gradients

@@ -401,7 +401,7 @@ class Sweep:
         -------
         The columns by name. Each row is one design in one assembly mode (way to assemble
         the mechanism), ordered by design. Designs and rows that do not meet the conditions
-        are left out.
+        of the sweep (`where`) are left out.
         """
         start = number * self.part_size
         designs = self.space.compute_designs(start, start + self.part_size)
@@ -474,7 +474,8 @@ class Sweep:
     def tabulate_designs(self, designs: Floats, numbers: Indices) -> Columns:
         """Compute the table of some designs (choices of numbers of the mechanism).
 
-        The conditions of the sweep are not checked.
+        The table also has designs and rows that violate the conditions of the sweep.
+        `compute_part` returns a table without them.
 
         Parameters
         ----------

@@ -213,8 +213,10 @@ class SweepResult:
     def table(self, name: str) -> "pd.DataFrame":
         """Return one table of the runs, with the rows of all designs, as a pandas frame.
 
-        The column ``design`` has the number of the design. ``attrs["units"]`` has the unit
-        of each column that has one.
+        The rows are read from the files of the parts (groups of successive designs). Each
+        part has one file with the table of designs. This file lists the files with the
+        tables of the runs. The column ``design`` has the number of the design.
+        ``attrs["units"]`` has the unit of each column that has one.
 
         Parameters
         ----------
@@ -227,10 +229,10 @@ class SweepResult:
         DesignError
             If there is no such table.
         FileError
-            If a file of a part is missing or damaged, or a file of the table does not
+            If a file is missing or damaged, or a file of the requested table does not
             belong to this sweep.
         OutputError
-            If the file of a table of designs does not belong to this sweep.
+            If a file with the table of designs does not belong to this sweep.
         """
         tables = self._tables()
         if name not in tables:
@@ -264,9 +266,9 @@ class SweepResult:
         Raises
         ------
         FileError
-            If a file of a part is missing, or a file of a table of designs is damaged.
+            If a file of a part is missing, or a file with the table of designs is damaged.
         OutputError
-            If the file of a table of designs does not belong to this sweep.
+            If a file with the table of designs does not belong to this sweep.
         """
         tables: dict[str, dict[int, Path]] = {}
         for number in range(self.sweep.part_count):

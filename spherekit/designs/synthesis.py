@@ -475,11 +475,12 @@ def _confirm_modes(
 def _find_confirmed_optimum(
     descent: Descent, optimum: LocalOptimum, modes: Sequence[SynthesisMode]
 ) -> LocalOptimum | None:
-    """Return an optimum with its assembly mode from a new search, if the modes agree.
+    """Return an optimum of a descent if a new search of its assembly modes confirms it.
 
-    An assembly mode is one way to assemble the mechanism. A descent follows the
-    configurations of a mode from design to design. A search finds the modes of the last
-    design independently.
+    An assembly mode is one way to assemble the mechanism. A descent changes the design step
+    by step and follows the configurations of a mode. On the way it may have slipped to
+    another mode. So all modes of the last design are searched anew. The optimum is
+    confirmed if one of them is the followed mode and has objectives that are as good.
 
     Parameters
     ----------
@@ -492,8 +493,9 @@ def _find_confirmed_optimum(
 
     Returns
     -------
-    The same design in the first mode of the search that has the same configurations. No
-    objective may be larger by more than the tolerance. None if there is no such mode.
+    The same design in the first mode of the search that confirms it. No objective may
+    exceed that of `optimum` by more than the tolerance of the descent. None if no mode
+    confirms the optimum.
     """
     allowed_objectives = optimum.objectives + descent.tolerance
     for mode in modes:

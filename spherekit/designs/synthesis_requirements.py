@@ -260,7 +260,8 @@ def select_nondominated(objectives: Floats, modes: Array) -> Indices:
 
     Returns
     -------
-    (m,) indices of these rows, rising. Of equal rows only the first one is included.
+    (m,) indices of the rows on the front, rising. Of equal rows only the first one is
+    included.
     """
     nondominated: list[int] = []
     for mode in np.unique(modes):

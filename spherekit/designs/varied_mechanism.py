@@ -641,9 +641,9 @@ class VariedMechanism:
         applies only to designs with the same contacts and kinds of loads as the file.
 
         Circular contacts may be replaced by an equivalent linkage, which moves in the same
-        way. A link between the centres of two circles replaces a sliding contact. Circles
-        that roll on each other are wheels, and turn at a constant ratio. The angles of the
-        linkage and these ratios then describe the contacts.
+        way. A link between the centres of two circles replaces a sliding contact. A
+        constant ratio of two pair angles replaces wheels that roll on each other. The
+        angles of the links of this linkage and the ratios then describe the contacts.
 
         Parameters
         ----------
@@ -855,9 +855,9 @@ class VariedMechanism:
     def _differentiate_numbers(self, values: Floats, k: int) -> Floats:
         """Return derivatives of the varied numbers with respect to a variable, at a design.
 
-        The varied numbers describe contacts, masses and loads. These numbers are read from
-        the mechanism file with the values of a design, so their derivatives have no
-        formula. So difference quotients are used.
+        The varied numbers describe contacts, masses and loads, and depend on the design
+        variables. They are read from the mechanism file with the values of a design. So
+        there is no formula for their derivatives, and difference quotients are used.
 
         Parameters
         ----------
@@ -885,13 +885,14 @@ class VariedMechanism:
             # far below pi, so `wrap` leaves them.
             contact_count = len(self.varied_contact_numbers)
             change[:contact_count] = wrap(change[:contact_count])
-            # The angles are not differentiable across a jump.
+            # A larger change is a jump, across which an angle has no derivative. The error
+            # makes this difference quotient fail.
             if np.any(np.abs(change[:contact_count]) > MAX_DIFFERENCE_RAD):
                 raise _OtherFormError(OTHER_FORM)
             return change
 
-        # The longest step is tried first. A shorter one is used if a design within it is
-        # impossible.
+        # The longest step is tried first. If a design that the quotient needs is impossible
+        # or jumps, a shorter step is tried.
         steps = RELATIVE_DIFFERENCE_STEPS * self._step_scale(values[k], k)
         slopes = differentiate_by_variable(read_change, values, k, steps)
         return no_slopes if slopes is None else slopes

@@ -249,19 +249,26 @@ def solve_bearing_friction(
     _check_determined(driven, balance, frictions)
 
     def compute_carried(equations: NewtonEuler, reaction_wrenches: Floats) -> Floats:
-        """Return the load vectors (n, k, 2, 3) that k pairs with friction carry, at n rows.
+        """Return the loads that k pairs with friction carry at n rows, as vectors.
 
-        The third axis is for the one or two bearings of a revolute pair, each with a force
-        (N). A contact has a single vector: the moment of its normal force about the centre
-        (N m). Missing vectors are 0. All vectors are in the axes of the pair.
+        The friction at a pair follows from the magnitudes of its vectors. The vectors
+        without friction are the a_kj above. Those for a friction torque of 1 N m at one
+        pair are the b_kjl.
 
         Parameters
         ----------
         equations
-            The equations of the reactions, with the sides on which gear teeth press.
+            The equations of the reactions. They depend on the sides of gear teeth that
+            press on each other.
         reaction_wrenches
             (n, links, 6) for each link the moment (N m) about the centre and the force (N)
             that the reactions of all its pairs together exert on it.
+
+        Returns
+        -------
+        (n, k, 2, 3) one or two vectors for each pair, in the axes of the pair. Those of a
+        revolute pair are the forces (N) on its bearings. A contact has one vector: the
+        moment (N m) of its normal force about the centre. A missing second vector is 0.
         """
         # A reaction is one component of the moment or force in a pair. The residual of the
         # equations is not needed.

@@ -212,7 +212,8 @@ class CollocationStep:
             The mechanism with its joint limits.
         turn_angles
             (variables,) whole turns (rad, multiples of 2 pi) of the joint angles. The state
-            leaves them out, but joint limits are limits of the whole angle.
+            has the angles without these turns. Joint limits are limits of the angles with
+            them.
         """
         for joint_limit in mechanism.joint_limits:
             variable = variable_of(mechanism, joint_limit.pair)

@@ -317,8 +317,9 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
     """Return names of the R pairs (revolute joints) that become coordinates of a run.
 
     A run is an integration with one choice of coordinates. Coordinates determine the motion
-    well if no other joint angle moves much faster. The measure is the sum of the squares of
-    all rates per unit rates of the coordinates. A run ends when this sum exceeds
+    well if no other joint angle moves much faster. For a measure, each coordinate in turn
+    moves at unit rate while the others rest. The measure is the sum of the squares of the
+    rates of all pair variables in these motions. A run ends when this sum exceeds
     `MAX_RATE_SQUARES`. At the start of a run the sum must be below `MAX_START_RATE_RATIO`
     times this limit, so that the run lasts for some time.
 

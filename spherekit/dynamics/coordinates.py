@@ -193,7 +193,7 @@ def motion_by_variables(
     """Return configurations, differentiated with respect to some of the pair variables.
 
     Derivatives are NaN or, by rounding, very large where the mechanism can move although
-    these variables are held. With a single variable this is a dead centre.
+    these variables are locked. With a single variable this is a dead centre.
 
     Parameters
     ----------

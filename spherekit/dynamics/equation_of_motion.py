@@ -320,10 +320,10 @@ class EquationOfMotion:
             With several degrees of freedom, the weights of the pair variables in the
             coordinates: (m, variables) in all rows, or (n, m, variables) for each row.
 
-            With one degree of freedom, approximate tangents of the curve: (n, 1, variables)
-            for each row, or (1, variables) for the first row. Arc length increases in the
-            direction of the tangent. A row without a tangent keeps the direction of the row
-            before.
+            With one degree of freedom, approximate tangents of the curve instead:
+            (n, 1, variables) for each row, or (1, variables) for the first row. Arc length
+            increases in the direction of the tangent. A row without a tangent keeps the
+            direction of the row before.
         order
             Order of the derivatives, 1 or 2.
         """

@@ -233,8 +233,8 @@ def _make_error_of_free_pairs(mechanism: Mechanism, variable_rates: Floats) -> S
     mechanism
         The mechanism.
     variable_rates
-        (variables,) rates of the pair variables (joint angles) in this motion, in which the
-        rates of the coordinates are a unit vector.
+        (variables,) rates of the pair variables (joint angles) in this motion. They are
+        scaled such that the rates of the coordinates form a unit vector.
     """
     pairs = [
         name

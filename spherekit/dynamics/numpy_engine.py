@@ -287,13 +287,15 @@ class Collocation:
             problem.values, problem.speed, problem.rate_weights
         )
         self.scales = _make_state_scales(problem, len(self.start_state))
-        # A determinant that changes its sign where curves of configurations cross.
+        # The closure determinant changes its sign where two curves of configurations cross.
+        # The record finds such a crossing.
         self.determinant_record = ClosureDeterminantRecord()
-        # Whether a crossing at which the simulation would end may be in the last step.
+        # True after a step in which the curve may cross another one. The simulation may
+        # have to end there, so steps are then more accurate.
         self.is_near_crossing = False
         self.max_closure_residual = 0.0
-        # Number of successive short steps with rates that are mostly rounding errors. Many
-        # of them end a simulation.
+        # Number of successive short steps in which rounding errors dominate the rates. The
+        # simulation ends when the number is `MAX_NOISY_STEPS`.
         self.noisy_steps = 0
         self.end: SimulationEnd | None = None
         # A generator, from which `advance` takes one step after the other.
@@ -327,8 +329,8 @@ class Collocation:
             total=self.problem.until,
         )
         if is_due and self.end is None and self.problem.on_progress:
-            # Show the motion so far. The reason why this engine was chosen is not shown, so
-            # any text will do.
+            # Show the motion so far. A simulation also states why its engine was chosen.
+            # This text is not shown here, so any text can be given.
             self.problem.on_progress(self.simulation(reason="it goes on"))
         return self.end is None
 
@@ -876,15 +878,17 @@ class Collocation:
         return bool(is_closed and is_singular)
 
     def _may_end_at_crossing(self, determinants: Floats) -> bool:
-        """Return whether a crossing at which the simulation would end may be in a step.
+        """Return whether a step may contain a crossing at which the simulation would end.
 
-        Such a step is then computed more accurately. False if the simulation passes
+        At a crossing, two curves of configurations intersect. If the step may contain one,
+        the caller computes this step and the next ones with a tolerance of at most
+        `MAX_CROSSING_TOLERANCE_RAD`. The result is False if the simulation passes
         crossings.
 
-        The determinants are zero at a crossing. By its error, the computed path can pass
-        beside the crossing, where the determinants are small but not zero. With the
-        tolerance e, the distance from the crossing is about sqrt(e). The limit for small
-        determinants is therefore sqrt(e) times the largest determinant so far.
+        The closure determinant is zero at a crossing. The computed path has errors, so it
+        can miss the crossing. Its determinants there are small, but not zero. A path with
+        the error e misses the crossing by about sqrt(e). A determinant is therefore small
+        if it is less than sqrt(e) times the largest one so far. e is the tolerance.
 
         Parameters
         ----------
@@ -913,7 +917,7 @@ class Collocation:
             A step whose error is small enough.
         rates
             (N, m, variables) rates of the pair variables (joint angles) per unit rate of
-            each of m coordinates, at the N nodes of the step.
+            each of the m coordinates of the equation of motion, at the N nodes of the step.
         determinants
             (N,) closure determinant at each node of the step. It changes its sign where
             curves of configurations cross (`CollocationStep.closure_determinants`).

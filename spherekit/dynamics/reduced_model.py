@@ -252,6 +252,7 @@ class StoredModel:
             have a wrong shape or are outside the domain.
         """
         points = self._flatten_points(x)
+        # Without names, no function is selected below, so any group will do.
         group = self.heading.locate_function(names[0])[0] if len(names) else 0
         values = self._evaluate_group(group, points.coordinates)
         selected = values[:, self._indices_in_group(names)]
@@ -795,7 +796,8 @@ class StoredModel:
     def _evaluate_group(self, group: int, coordinates: Floats) -> Floats:
         """Return the values (n, F) of the F functions of a group at n points.
 
-        A group has the functions that are stored together, as Chebyshev series.
+        A group is a set of functions of the model whose Chebyshev series are stored
+        together.
 
         Parameters
         ----------

@@ -26,9 +26,9 @@ class FunctionKind(Enum):
     """The kinds of functions that a reduced model stores.
 
     A reduced model has functions of the configuration of a mechanism, stored as series. The
-    error of a function is judged relative to its scale: its largest absolute value, or a
-    fraction of the largest scale of its kind if that is larger. So the series of a function
-    that is nearly zero need not follow rounding errors.
+    error of a function is judged relative to its scale. The scale is the largest absolute
+    value of the function, but at least a fraction of the largest scale of its kind. So the
+    series of a function that is nearly zero need not follow rounding errors.
 
     The coordinates of the model are the arc length of the configuration curve, or the
     inputs. "Derivative" means a derivative with respect to a coordinate, and "velocity"

@@ -70,7 +70,7 @@ class StoredLoad:
         rate of this variable, or a stored function.
     components
         Expressions of the magnitudes in pair variables, their rates and the time. Empty if
-        the torque is a table.
+        the load is a torque that a table gives.
     times, torques
         The times (s) and the torques (N m) of the table, if there is one.
     repeats
@@ -488,10 +488,21 @@ class StoredHeading:
         raise self._domain_error(x)
 
     def count_laps(self, x: Floats) -> Floats:
-        """Return how many whole laps (n,) coordinates x (n,), rad, of a curve contain.
+        """Return in which lap of a curve of configurations each coordinate is.
 
-        The curve consists of the configurations of a mechanism. If the curve is closed,
-        coordinates beyond its ends are in further laps. If not, the number is 0.
+        Functions of the coordinate are stored over one lap, from `low` to `high`, which is
+        lap 0. The caller subtracts the other laps. On a periodic (closed) curve,
+        coordinates beyond the ends are in further laps, with numbers below or above 0. On
+        any other curve the number is 0.
+
+        Parameters
+        ----------
+        x
+            (n,) coordinates (rad).
+
+        Returns
+        -------
+        (n,) whole numbers of laps.
 
         Raises
         ------

@@ -120,9 +120,11 @@ class ClosedConfigurations:
         Result of Newton's method: the pair variables (joint angles), their closure
         residuals (openings of loops), and the loop-closure equations linearised there.
     nodes
-        (n,) index of the node of each configuration, a row of `Sampler.nodes`.
+        (n,) index of the node of each configuration among the known configurations,
+        `Sampler.nodes`.
     steps
-        (n, m) difference of the inputs from the inputs of the node, rad.
+        (n, m) difference of the inputs from the inputs of the node, rad. A prediction over
+        this step shows whether Newton's method changed the assembly mode.
     """
 
     linearisation: Linearisation
@@ -313,16 +315,22 @@ class Sampler:
     def _label_inertia(self, heading: StoredHeading) -> list[FunctionLabel]:
         """Return the labels of the inertia matrix and of its Christoffel symbols.
 
-        A label has the name, unit and kind of a stored function. With one coordinate x (a
-        curve) the functions are the inertia B and its derivative dB/dx.
+        A label has the name, unit and kind of a stored function. The kind determines how
+        the error of the function is judged. `heading.velocity_terms` has a list of terms
+        for each coordinate, whose sum is the Coriolis and centrifugal torque. Each term is
+        a Christoffel symbol of the inertia matrix times two rates, and a constant factor.
+
+        With one coordinate x (a curve) the functions are the inertia B and its derivative
+        dB/dx. The only Christoffel symbol, 1/2 dB/dx, follows from this derivative.
         """
         labels = [
             FunctionLabel(name, "kg m2", FunctionKind.INERTIA) for name in heading.inertia
         ]
         if heading.is_curve:
-            # The only Christoffel symbol is 1/2 dB/dx, and dB/dx is stored.
+            # One coordinate has one inertia B, and one term with the function dB/dx.
             (inertia_name,) = heading.inertia
-            ((velocity_term,),) = heading.velocity_terms
+            (velocity_terms,) = heading.velocity_terms
+            (velocity_term,) = velocity_terms
             inertia_derivative = FunctionLabel(
                 velocity_term.function,
                 "kg m2/rad",
@@ -330,8 +338,6 @@ class Sampler:
                 derivative_of=inertia_name,
             )
             return [*labels, inertia_derivative]
-        # The torque at each coordinate has a list of terms: each is a Christoffel symbol
-        # times two rates.
         for velocity_terms in heading.velocity_terms:
             for term in velocity_terms:
                 label = FunctionLabel(term.function, "kg m2", FunctionKind.CHRISTOFFEL)
@@ -549,7 +555,7 @@ class CurveSampler(Sampler):
         groups
             Groups of functions that are computed. Group 0 has the functions of the motion:
             the pair variables v (joint angles), dv/dx, the inertia B, dB/dx, and the
-            velocities by which sizes of loads are multiplied to give their powers. Group
+            velocities of loads. The size of a load times its velocity is its power. Group
             k + 1 has the five functions of pole number k (axis of relative rotation of two
             links).
         x
@@ -562,6 +568,7 @@ class CurveSampler(Sampler):
         are in the labels (`label_motion_functions`, `label_pole_functions`).
         """
         motion = self._compute_motion(x)
+        # Directions of poles are needed only if a group other than 0 is requested.
         directions = self._evaluate_directions(x, motion) if any(groups) else {}
         functions = []
         for group in groups:
@@ -622,7 +629,9 @@ class CurveSampler(Sampler):
         """Return the unit vectors (n, 3) of the poles in ground axes.
 
         A pole is the axis of relative rotation of two links. Of its two opposite directions
-        one is chosen, so that it does not jump along the curve of configurations.
+        one is chosen, so that it does not jump along the curve of configurations. The
+        choice follows `stored_directions`, which were computed before at evenly spaced
+        places of the curve.
 
         Parameters
         ----------
@@ -632,8 +641,8 @@ class CurveSampler(Sampler):
             The motion at these coordinates.
         """
         directions = self._compute_axes(motion)
-        # Index of the nearest stored direction. There are `SENSE_SAMPLES` over one lap of a
-        # closed curve, or over the whole of an open curve (`lap_length`).
+        # Index of the nearest stored direction. A lap is one passage along the whole curve,
+        # of length `lap_length`. It is divided into `SENSE_SAMPLES` equal parts.
         nearest = np.rint(x / self.lap_length * SENSE_SAMPLES).astype(int)
         # On a closed curve the directions repeat after one lap, or after two laps if an
         # axis is reversed after one.
@@ -650,9 +659,10 @@ class CurveSampler(Sampler):
     def _compute_axes(self, motion: CoordinateMotion) -> dict[Pole, Floats]:
         """Return unit vectors (n, 3) along the pole axes in ground axes, in either sense.
 
-        A pole axis is the axis about which one link rotates relative to another one. There
-        are two methods: the intersection of planes, and the direction of the relative
-        angular velocity. The second one is used where it is more accurate.
+        A pole axis is the axis about which one link rotates relative to another one. Each
+        of the n rows of the motion has one. There are two methods: the intersection of
+        planes, and the direction of the relative angular velocity. The second one is used
+        where it is more accurate.
 
         Raises
         ------
@@ -661,7 +671,8 @@ class CurveSampler(Sampler):
         """
         # The first method uses the theorem of Aronhold and Kennedy: the three pole axes of
         # three links lie in a plane. An unknown axis is the intersection of two such
-        # planes. The plan says in which order axes are computed.
+        # planes. `self.plan` says in which order the axes are computed.
+        # `planned.errors` has the error bounds of these axes.
         planned = PlannedPoles(self.plan, self._convert_motion(motion))
         axes: dict[Pole, Floats] = {}
         # (n, links, 3) angular velocities per unit rate of the only coordinate (index 0).
@@ -883,7 +894,7 @@ class BoxSampler(Sampler):
         return labels
 
     def evaluate(self, inputs: Floats, function_count: int) -> Floats:
-        """Return the values of all stored functions, one column for each of their labels.
+        """Return the values of all stored functions, one column for each function.
 
         A reduced model stores these functions of its inputs: the pair variables (joint
         angles), the inertia, and velocities of loads and poles, see `label_functions`.
@@ -893,7 +904,7 @@ class BoxSampler(Sampler):
         inputs
             (n, m) values of the m inputs, in rad.
         function_count
-            Number of the labels, which is the width of the result.
+            Number of the functions, which is the width of the result.
 
         Returns
         -------

@@ -39,9 +39,10 @@ class PathStates(ArrayRows):
 
     A state has the pair variables v (joint angles, rad), the m momenta p = R u and the work
     of each load. Here u are the rates of m coordinates, and R is the symmetric root of the
-    inertia matrix M = R R. Each rate of a coordinate is a weighted sum of the rates of the
-    pair variables. With one degree of freedom, the coordinate is the arc length of the
-    curve of configurations, and the weights are the unit tangent of this curve.
+    inertia matrix M = R R. The kinetic energy u . M u / 2 is then p^2 / 2. Each rate of a
+    coordinate is a weighted sum of the rates of the pair variables. With one degree of
+    freedom, the coordinate is the arc length of the curve of configurations. The weights
+    are then the components of the unit tangent of this curve.
 
     Attributes
     ----------
@@ -156,7 +157,8 @@ def make_collocation_path(
         The steps in order of time.
     turns
         (variables,) how many whole revolutions were subtracted from each pair variable
-        (joint angle) at the start. The states of the steps do not contain these.
+        (joint angle) at the start. The states of the steps do not contain these
+        revolutions.
     max_closure_residual
         Largest closure residual (opening of a loop) that was removed by corrections of the
         configuration between steps, rad.
@@ -190,8 +192,8 @@ class MomentumConversion(Protocol):
 
     A state has the pair variables (joint angles), the momenta of m coordinates, and the
     work of each load. The compiled engine defines the momenta in its own way. Momenta of a
-    simulation are p = R u; see `PathStates`. With several degrees of freedom, the engines
-    choose different coordinates, so their momenta differ.
+    simulation are p = R u; see `PathStates`. With several degrees of freedom, the compiled
+    engine and the simulation use different coordinates, so their momenta differ.
     """
 
     def convert_momenta(self, states: Floats, state_rates: Floats) -> None:

@@ -139,10 +139,10 @@ class Checks:
         Largest difference between the rate of the kinetic energy and the power of the
         loads, W.
     momentum
-        Largest error of the momenta that a step adds, relative to the largest momentum, or
-        to the momentum at coordinate rates of 1 rad/s if this is larger.
-        This error is the length of the step times the error of dp/dt: the rate in the
-        computed path minus the rate by the equation of motion.
+        Largest error of the momenta that a single step adds. This error is the length of
+        the step times the error of dp/dt. The error of dp/dt is its value in the computed
+        path minus its value by the equation of motion. The result is divided by the largest
+        momentum, or by the momentum at coordinate rates of 1 rad/s if this is larger.
     closure
         Largest closure residual (opening of a loop), rad. Residuals that were removed by
         corrections during the integration are included.
@@ -381,14 +381,15 @@ class Simulation:
     def checks(self) -> Checks:
         """Estimates of the errors of the simulation, see `Checks`.
 
-        The states contain momenta p, with which the kinetic energy is p^2 / 2. The computed
-        path and the equation of motion give slightly different rates dp/dt. Their
+        The simulation uses scaled momenta p, so that the kinetic energy is p^2 / 2. The
+        computed path and the equation of motion give slightly different rates dp/dt. Their
         difference is the error of dp/dt. These errors are computed at several times, and
         the largest of each kind is returned:
 
         - Energy: the change of kinetic energy minus the work of the loads.
         - Momentum: the error of dp/dt times the length of the step, which is the error of p
-          that a step adds, divided by a typical size of p.
+          that a step adds, divided by the largest p, or by the p at
+          coordinate rates of 1 rad/s if this is larger.
         - Power: p times the error of dp/dt, since the rate of p^2 / 2 is p dp/dt.
         - Closure: the angle by which a loop is open.
         """
@@ -410,7 +411,9 @@ class Simulation:
         rate_errors[t >= self.end.t] = 0.0
         power_errors = np.vecdot(momenta, rate_errors)
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
-        # The eigenvalues are the momenta at coordinate rates of 1 rad/s.
+        # Errors of the momenta are divided by the largest momentum. A mechanism at rest has
+        # none, so momenta at rates of 1 rad/s are considered, too. With p = R u and the
+        # coordinate rates u, they are the eigenvalues of R (`dynamics.roots`).
         momentum_scale = _choose_momentum_scale(momenta, dynamics.roots.eigenvalues)
         # The integration closes loops after each step. The path has stored the largest
         # opening before these corrections.

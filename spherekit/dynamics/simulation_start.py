@@ -544,8 +544,8 @@ def _compute_modes(mechanism: Mechanism, q: Floats) -> tuple[PositionAnalysis, M
     The position analysis, and a motion with one row for each mode.
     """
     if len(q) == 1:
-        # With one input, modes are numbered along the range of the input, so an analysis of
-        # the whole range is needed.
+        # With one input, the modes and their numbers come from a position analysis over the
+        # whole range of the input.
         return compute_modes_at_inputs(position_analysis_of(mechanism), q[None])
     # With several inputs, modes are computed at these inputs alone. Whole turns of an input
     # change the configuration only if there are contacts, such as of rolling wheels.
@@ -571,6 +571,7 @@ def _check_mode_exists(
     assembly_mode
         Number of the assembly mode.
     """
+    # The loops also close at a singularity.
     if status in (Status.OK, Status.AT_SINGULARITY):
         return
     inputs_text = listing(f"{x:.6g}" for x in q)

@@ -113,15 +113,17 @@ def _find_critical_places(
     """Return places in steps at which a load may change abruptly.
 
     A place is a fraction of an integration step, from 0 to 1. A steep argument is the x of
-    a function such as tanh(1000 x) or 1 / x in a load. The result has the zeros and extrema
-    of x, and the middles between neighbours. Extrema matter because x can touch zero there,
-    or pass zero twice, without a change of sign between two evenly spaced places.
+    a function such as tanh(1000 x) or 1 / x in a load. The result has the places of zeros
+    and extrema of x, and the middles between neighbouring ones. Extrema matter because x
+    can touch zero there, or pass zero twice, without a change of sign between two evenly
+    spaced places. In the middles, a load can differ from its values at both neighbours.
 
     Parameters
     ----------
     probe
-        A function that returns, at places (n,) in steps (n,), a check of the steps and the
-        values (n, arguments) of the steep arguments. Only these values are used.
+        A function of the indices of steps (n,) and of places (n,) in them. It returns two
+        arrays. The first has the errors of the steps at the places, and is not used here.
+        The second has the values (n, arguments) of the steep arguments.
     arguments
         (steps, places, arguments) values of the arguments at evenly spaced places.
     even_places

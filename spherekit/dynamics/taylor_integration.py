@@ -188,7 +188,7 @@ class TaylorRun:
     equation
         The equation that was integrated.
     segments
-        Segments of some steps each, in order of time.
+        Parts of the run in order of time. Each is a group of successive steps.
     events
         For each event its time (s), its kind, and the index of the pair variable (joint
         angle) to which it belongs, or -1.
@@ -200,8 +200,8 @@ class TaylorRun:
         Largest opening of a loop that corrections have removed, rad.
     max_independence
         Largest measure of independence of the loop-closure equations in the run. The
-        measure is zero where sets of configurations cross. Small values are judged relative
-        to this largest value.
+        measure is zero where sets of configurations cross. A run ends where the measure is
+        very small relative to this largest value.
     """
 
     equation: CompiledEquation
@@ -832,14 +832,16 @@ class TaylorIntegration:
         """Compute the signs of the switch conditions at the start of the motion.
 
         A load changes abruptly at a zero of its switch condition, such as dry friction
-        where the sliding rate is zero. A condition may depend on the signs of the
-        conditions before it, so the signs are computed one after the other.
+        where the sliding rate is zero. The signs of the conditions are parameters of the
+        equation of motion. During the motion the integrator reverses them. A condition may
+        depend on the signs of the conditions before it, so the signs are computed one after
+        the other.
 
         Parameters
         ----------
         interval_end
             Time (s) of the next knot (listed time) of a torque table. Up to this time the
-            torque is linear in time, and its slope is one of the parameters.
+            torque is linear in time. Its slope is one of the parameters of the equation.
         """
         switch_function = self.equation.switch_function
         if switch_function is None:

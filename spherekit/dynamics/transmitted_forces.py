@@ -663,9 +663,10 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
 def _unknown_force_components(
     pair: Pair, *, is_floating: bool, has_friction: bool
 ) -> list[int]:
-    """Return the components of the force of a pair (joint) that are unknowns of their own.
+    """Return the components of the force of a pair (joint) that are unknown.
 
-    Components 3, 4 and 5 of a wrench are the forces along the axes x, y and z of the pair.
+    The other components are zero, or follow from the moment of the pair. Components 3, 4
+    and 5 of a wrench are the forces along the axes x, y and z of the pair.
 
     Parameters
     ----------
@@ -849,7 +850,7 @@ def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
     the sign of the transmitted moment, which is not known in advance. The equations are
     solved with assumed sides, and again with opposite sides where the solution contradicts
     the assumption. `is_settled` is False in rows that still contradict it after
-    `MAX_TOOTH_SIDE_CHANGES` solutions.
+    `MAX_TOOTH_SIDE_CHANGES` solutions. Callers treat reactions in these rows as unknown.
 
     Parameters
     ----------
@@ -863,8 +864,8 @@ def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
     motion = driven.motion
     timing = driven.timing
     applied = sum_applied_loads(driven)
-    # (n, links, 6) moments about O and forces that the motion of the links needs. These
-    # wrenches have a part linear in the accelerations, and a part that remains at constant
+    # (n, links, 6) wrenches (moments about O, then forces) that accelerate the links. One
+    # part is linear in the accelerations of the inputs. The other part is that at constant
     # rates.
     inertia_wrenches = acceleration_wrenches(mechanism, motion, timing.ddq)
     inertia_wrenches += velocity_wrenches(mechanism, motion, timing.dq)
@@ -889,11 +890,13 @@ def _find_contradicted_sides(
 ) -> Bools:
     """Return a mask (n, pairs) of pairs whose teeth do not press on the assumed side.
 
-    Gear teeth press on one of their two sides. The axes of the pair (contact) are z from
-    the centre of the sphere to the contact, x along the common tangent of the pitch curves,
-    and y along their normal. The part of the tooth force along x drives the wheel, and has
-    opposite directions on the two sides of the teeth. So the side is the sign of its moment
-    m_y about y.
+    Gear teeth press on one of their two sides. The caller assumes a side to form the
+    equations. If the solution contradicts it, the caller tries the other side.
+
+    The axes of the pair (contact) are z from the centre of the sphere to the contact, x
+    along the common tangent of the pitch curves, and y along their normal. The part of the
+    tooth force along x drives the wheel, and has opposite directions on the two sides of
+    the teeth. The moment of this part about y is m_y. Its sign tells the side.
 
     Parameters
     ----------

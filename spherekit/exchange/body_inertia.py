@@ -152,6 +152,8 @@ def find_link_inertias(mechanism: Mechanism) -> LinkInertias:
 def _wire_inertia(wires: list[Floats]) -> LinkInertia:
     """Return the inertia about the origin of thin straight wires of 1 kg/m.
 
+    A link is taken as such wires if the mechanism file states no inertia of moving links.
+
     The tensor is trace(M) 1 - M with the unit matrix 1. M are the second moments, the sum
     of mass times r r^T over all positions r.
 
@@ -244,6 +246,8 @@ def _find_usable_mass_centre(
     link_inertia: LinkInertia, rotation: Floats, tensor_about_O: Floats
 ) -> MassCentre | None:
     """Return the stated mass and centre of a link, or None if they can't be used.
+
+    If the result is None, the caller chooses others for which the tensor about O is right.
 
     Mass and centre can't be used if one of them is missing in the mechanism file. A centre
     at O, the centre of the sphere, can't be used, because MuJoCo would close loops wrongly.

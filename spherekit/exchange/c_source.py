@@ -286,7 +286,7 @@ def write_cpp(source: FormulaSource) -> str:
         CONSTANT_OF,
         *_write_constants(source, storage="static "),
         *source.helpers,
-        # Several files can include templates without "static".
+        # Functions in a header need "static" if several files include it. Templates do not.
         *(TEMPLATE_HEAD + text.removeprefix("static ") for text in series),
         *(
             TEMPLATE_HEAD + _write_function(source, function, "Scalar")

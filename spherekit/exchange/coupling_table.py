@@ -261,9 +261,10 @@ class CouplingTable:
         """Return the interpolated values of a mode in cells of the grid of m inputs.
 
         A mode is one way to assemble the mechanism. A cell is a box between neighbouring
-        nodes, and its corners are nodes. A corner has a stored angle f with its gradient g
-        (the coefficients) and Hessian H (their derivatives) with respect to the inputs. At
-        the distance d from the corner these give
+        nodes, and its corners are nodes. At each corner the table has the angle f of every
+        passive variable (joint angle that is not driven). It also has the gradient g of f
+        (the coefficients) and the Hessian H (their derivatives) with respect to the inputs.
+        At the distance d (m,) from the corner these give
 
         - the angle f + (2/3) g d + (1/6) d H d,
         - the coefficients g + (1/2) H d,

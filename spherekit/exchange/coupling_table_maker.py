@@ -563,10 +563,11 @@ def _find_growth_per_revolution(
 ) -> Floats | None:
     """Return the growth of each variable in a revolution of an input, or None.
 
-    The result is None if the configurations do not return after the revolution. A variable
-    (joint angle) may grow by whole periods, such as the angle of a crank by a revolution.
-    The growth has to be the same at all nodes of the other inputs. Coefficients (rates of
-    variables per unit rate of the inputs) must not change.
+    The caller marks an input with a growth as periodic. The result is None if the
+    revolution does not lead back to the same configurations. A variable (joint angle) may
+    grow by whole periods, such as the angle of a crank by a revolution. The growth has to
+    be the same at all nodes of the other inputs. Coefficients (rates of variables per unit
+    rate of the inputs) must not change.
 
     Parameters
     ----------
@@ -575,7 +576,7 @@ def _find_growth_per_revolution(
     input_index
         Position of the input in the table.
     periods
-        (K,) period (rad) of each variable.
+        (K,) period (rad) of each variable: 2 pi for a joint that turns.
 
     Returns
     -------

@@ -137,7 +137,7 @@ def express_dependent_numbers(
 
 
 def _check_linear(varied_mechanism: VariedMechanism, slopes: Floats) -> None:
-    """Raise `DesignError` unless a number depends linearly on the variables.
+    """Raise `DesignError` unless a number in formulas depends linearly on the variables.
 
     The variables are numbers of the mechanism file that vary, such as a radius. Numbers in
     the formulas, such as a component of an inertia tensor, depend on them. The formulas can
@@ -148,9 +148,9 @@ def _check_linear(varied_mechanism: VariedMechanism, slopes: Floats) -> None:
     varied_mechanism
         The mechanism, and the numbers of its file that vary.
     slopes
-        (variables, designs) slopes of the dependent number with respect to each variable. A
-        design is a set of values of the variables; the first one has the values of the
-        file.
+        (variables, designs) slopes of one number in the formulas with respect to each
+        variable. A design is a set of values of the variables; the first one has the values
+        of the file.
 
     Raises
     ------

@@ -269,7 +269,7 @@ def _is_link_size(variable: DesignVariable) -> bool:
 
 
 def refuse_link_sizes(mechanism: AnyMechanism, vary: Sequence[str]) -> None:
-    """Raise an error if sizes of links are to be arguments of code that passes crossings.
+    """Raise an error if sizes of links are to be arguments of code with fixed crossings.
 
     The configurations of an assembly mode (way to assemble the mechanism) form a curve over
     the input. The curves of two modes can cross. If modes continue smoothly through
@@ -355,11 +355,11 @@ def _find_results(
 ) -> dict[str, Expr]:
     """Return quantities as expressions, by their names.
 
-    Most expressions come from `design_expressions`. A quantity such as "closure_2" tells
-    whether the second dyad (two links with three revolute joints) can be assembled. The
-    three axes are the corners of a spherical triangle with known arcs. The quantity is the
-    square of the triple product of the axes, computed from the arcs. The square is negative
-    if no triangle has such arcs.
+    Most expressions come from `design_expressions`. The exceptions are quantities such as
+    "closure_2", which belongs to the second dyad (two links with three revolute joints).
+    The axes of the three joints are the corners of a spherical triangle. The quantity is
+    the square of their triple product, computed from the arcs of the triangle. If no
+    triangle has these arcs, the square is negative, and the dyad cannot be assembled.
 
     Parameters
     ----------
@@ -440,14 +440,16 @@ def _express_revolutions(
     results
         The results. Some of them may depend on revolutions.
     replacements
-        Replacements of other symbols, which are applied to the expressions.
+        The expressions that replace other symbols, such as those of driven variables. They
+        are inserted into the results.
 
     Returns
     -------
     The expression of the revolutions of each pair, by the symbol of these revolutions.
     """
     used_symbols = _list_symbols(results)
-    # `angles` has the R pairs (revolute joints). Contacts do not have revolutions.
+    # `mechanism.angles` has the R pairs (revolute joints). Contacts have no angle, and so
+    # no revolutions.
     pairs = [
         pair
         for pair, symbol in design_expressions.revolution_symbols.items()

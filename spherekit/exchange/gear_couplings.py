@@ -229,10 +229,13 @@ class Extent(NamedTuple):
 class BevelEquation:
     """The equation u x + v y = 0 of two links that turn about crossing axes of a carrier.
 
-    Two bevel gears can have this equation. x is the angular velocity (rad/s) of the carrier
-    relative to the first link, about the first axis. y is the angular velocity of the
-    second link relative to the carrier, about the second axis. Both x and y are sums of
-    rates of hinges (revolute joints).
+    x is the angular velocity (rad/s) of the carrier relative to the first link, about the
+    first axis. y is the angular velocity of the second link relative to the carrier, about
+    the second axis. Both x and y are sums of rates of hinges (revolute joints).
+
+    The equation follows from couplings of an imported file: linear equations between the
+    rates of joints. Two bevel gears on the two links move by the same equation, so they can
+    replace the couplings.
 
     Attributes
     ----------
@@ -465,6 +468,8 @@ def construct_bevel_gears(
 ) -> BevelGears:
     """Return the pitch circles of two bevel gears with the equation u x + v y = 0.
 
+    x and y are the angular velocities about the axes of the gears, as defined below.
+
     Parameters
     ----------
     links
@@ -596,8 +601,8 @@ def _find_coaxial_equations(
     Two links hinged to a third link, the carrier, about the same axis can be coaxial gears.
     x and y are their angular velocities relative to the carrier. A coupling is a linear
     equation between the rates of joints. The links are gears if the couplings imply an
-    equation u x + v y = 0 with constant factors u and v. Coaxial gears do not touch, so a
-    further wheel on the carrier, the idler, joins them.
+    equation u x + v y = 0 with constant factors u and v. Coaxial gears do not touch. The
+    caller therefore adds a wheel on the carrier, the idler, that meshes with both gears.
 
     Parameters
     ----------
@@ -662,7 +667,8 @@ def _find_perpendicular(axis: Floats) -> Floats:
 def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None:
     """Return the factors u, v of an equation of two rotations that the couplings imply.
 
-    The equation is u x + v y = 0 with the rates x and y of the rotations. The couplings
+    The caller tells by these factors whether two links can be gears. The equation is
+    u x + v y = 0 with the rates x and y of the rotations of the two links. The couplings
     imply the equation if x and y satisfy it in every motion that the couplings allow. Each
     motion gives a point (x, y) of a plane. There are three cases:
 
@@ -671,7 +677,7 @@ def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None
       factor is zero, the line is a coordinate axis, and one rotation is always at rest.
     - The only point is the origin: both rotations are always at rest.
 
-    Two links are gears only in the second case, with both factors different from zero.
+    Two links can be gears only in the second case, with both factors different from zero.
 
     Parameters
     ----------
@@ -713,11 +719,14 @@ def _measure_extent(points: Floats) -> Extent:
 def _find_allowed_motions(equations: Floats) -> Floats:
     """Return a basis of the motions that satisfy the couplings.
 
+    The caller examines how two links rotate in these motions, to find out whether the links
+    are gears.
+
     Parameters
     ----------
     equations
-        (couplings, hinges) the couplings as factors of the rates of hinges (revolute
-        joints), in sums that are zero.
+        (couplings, hinges) the factors of the rates of hinges (revolute joints) in the
+        equation of each coupling. The sum of the products of factors and rates is zero.
 
     Returns
     -------
@@ -755,13 +764,15 @@ def _link_paths(hinges: Sequence[ImportedPair]) -> Iterator[LinkPath]:
     """Yield the path of hinges between any two links, each path once.
 
     The links and hinges (revolute joints) form a tree, so there is only one path. The path
-    leads from the link with the smaller number to the other link.
+    leads from the link with the smaller number to the other link. The callers examine for
+    each path whether couplings make its two links a pair of gears.
     """
     ends = [hinge.links for hinge in hinges]
     links = sorted({link for links in ends for link in links})
     for first_link in links:
         path_by_link: dict[int, list[HingeOnPath]] = {first_link: []}
-        # Each link is reached from its parent by one more hinge.
+        # Each link is reached from its parent by one more hinge. The sense of a hinge is
+        # 1.0 if the path leads from its first link to its second, else -1.0.
         for hinge, parent, child in find_spanning_tree(ends, [first_link]):
             sense = 1.0 if ends[hinge][0] == parent else -1.0
             path_by_link[child] = [*path_by_link[parent], HingeOnPath(hinge, sense)]

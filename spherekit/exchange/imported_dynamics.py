@@ -116,13 +116,15 @@ class ImportedDynamics:
     def _add_up_bodies(self, link: int, bodies: list[int], rotor: Floats | None) -> Table:
         """Return the table of the inertia of a link: the sum over its bodies.
 
-        The table has the inertia tensor about the centre of the sphere, the mass and the
-        centre of mass. Mass and centre are omitted if spherekit invented the masses when it
-        exported the model, or if the model has none. Gravity needs them, so a link without
-        mass gets a tiny mass at the centre of the sphere if gravity acts.
+        The table has the inertia tensor about the centre of the sphere. It also has the
+        mass and the centre of mass, except in two cases:
 
-        MuJoCo can compensate the weight of a body by a force. Such mass counts as if it
-        were at the centre of the sphere, where its weight has no moment.
+        - spherekit invented the masses when it exported the model.
+        - The bodies have no mass, and no gravity acts. If gravity acts, the link gets a
+          tiny mass at the centre of the sphere, since gravity needs a mass.
+
+        MuJoCo can compensate the weight of a body by a force. The compensated mass counts
+        as if it were at the centre of the sphere, where its weight has no moment.
 
         Parameters
         ----------
@@ -296,11 +298,16 @@ class ImportedDynamics:
         self._note_lost_loads()
 
     def _note_lost_loads(self) -> None:
-        """Add a note on each spring, damper or drag that a mechanism file can't have."""
+        """Add notes on what acts in the MuJoCo model, but can't be in a mechanism file.
+
+        These are springs and dampers of joints that are not linear, properties of tendons
+        such as dry friction, and forces of the surrounding fluid.
+        """
         mj_model = self._mj_model
         notes = self._linkage.notes
         # All joints of the model are hinges, so a joint and its velocity (dof) have the
-        # same number. Terms of higher order than linear can't be imported.
+        # same number. The arrays with "poly" are coefficients of terms of higher order than
+        # linear, which can't be imported. An actuator can damp its joint, too.
         nonlinear_joints = {
             int(mj_model.actuator_trnid[actuator][0])
             for actuator in self._list_actuators_at_joints()
@@ -552,7 +559,8 @@ class ImportedDynamics:
         actuator
             Number of an actuator for which `_is_constant` is true.
         magnitude
-            Size of its force.
+            Scalar force of the actuator. Its six gear factors turn it into the components
+            of force and moment.
         """
         mj_model = self._mj_model
         # The actuator acts at `site`. A `reference_site` of -1 means that there is none.
@@ -560,10 +568,11 @@ class ImportedDynamics:
         is_in_link_axes = reference_site < 0
         axes_site = site if is_in_link_axes else reference_site
         # From axes of the site to world axes. In the pose of the model, the axes of all
-        # imported links coincide with the ground axes, so the components are the same.
+        # imported links coincide with the world axes. So a vector has the same components
+        # in link axes and in ground axes.
         rotation = self._mj_data.site_xmat[axes_site].reshape(3, 3)
         link = self._linkage.link_by_body[mj_model.site_bodyid[site]]
-        # MuJoCo multiplies the size of an actuator's force by six numbers, its gear. This
+        # MuJoCo multiplies the scalar force of an actuator by six numbers, its gear. This
         # gives the components of the force and then those of the moment.
         wrench = mj_model.actuator_gear[actuator] * magnitude
         # From the centre of the sphere to the point at which the force acts (m).

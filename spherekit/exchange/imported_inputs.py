@@ -210,9 +210,10 @@ def find_outputs(linkage: ImportedLinkage) -> Table:
 def _find_last_links(linkage: ImportedLinkage) -> list[int]:
     """Return the indices of the links at the ends of chains, which become outputs.
 
-    The end of an open chain is a link with a single pair (joint). These links are returned,
-    except wheels in a gear train, such as the wheel of a motor. Such wheels are links at
-    joints that gears turn. The links farthest from the ground are never left out, since a
+    The caller needs them if no observed link of the imported model can be an output. The
+    end of an open chain is a link with a single pair (joint). These links are returned,
+    except wheels in a gear train, such as the wheel of a motor. A wheel is recognised by a
+    joint that gears turn. The links farthest from the ground are never left out, since a
     gear train may drive the last link.
 
     If all chains are closed, the links farthest from the ground are returned.

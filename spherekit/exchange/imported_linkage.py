@@ -123,8 +123,8 @@ class ImportedLinkage:
         # The model and its state in the data types of MuJoCo.
         self._mj_model = foreign_model.mj_model
         self._mj_data = foreign_model.mj_data
-        self.notes: list[str] = []
-        self.pair_comments: dict[str, str] = {}
+        self.notes: list[str] = []  # what was left out or changed
+        self.pair_comments: dict[str, str] = {}  # by names of pairs
         self._name_by_link: dict[int, str] = {}
         # Constraints of the file can lock a joint at a constant angle.
         self._turning_joints = [
@@ -132,7 +132,7 @@ class ImportedLinkage:
             for joint in range(self._mj_model.njnt)
             if joint not in foreign_model.locked_joints
         ]
-        # Limits (rad) of joints by their numbers.
+        # Ends of the range (rad) of each limited joint, by the number of the joint.
         limited_joints = np.flatnonzero(self._mj_model.jnt_limited).tolist()
         self.joint_limits: dict[int, Sequence[float]] = {
             joint: self._mj_model.jnt_range[joint].tolist() for joint in limited_joints
@@ -141,6 +141,7 @@ class ImportedLinkage:
         self.loop_points = self._group_loop_points()  # points at which loops are closed
         # The centre (3,), and the largest distance (m) of an axis from it.
         self.centre, self.centre_distance = self._find_centre(max_distance)
+        # Points nearer to the centre than this distance (m) count as the centre.
         self.least_radius = max(
             self.centre_distance, CENTRE_TOLERANCE * self._measure_size()
         )
@@ -232,10 +233,10 @@ class ImportedLinkage:
     # The centre of the sphere
 
     def _group_loop_points(self) -> dict[tuple[int, int], list[LoopPoint]]:
-        """Return the points at which two links are held together, by the two links.
+        """Return the points at which two links are held together, grouped by these links.
 
-        Such points close the loops of the model. The two links are in the order of their
-        first point. A point between bodies of one link is left out.
+        Each point closes a loop of the model. The two links of a group are in the order of
+        its first point. A point between two bodies of the same link is left out.
         """
         points_by_links: dict[tuple[int, int], list[LoopPoint]] = {}
         for loop_point in self.foreign_model.loop_points:
@@ -451,9 +452,10 @@ class ImportedLinkage:
     def _add_joint_pairs(self) -> None:
         """Add the hinges of all bodies as pairs (joints) of the mechanism.
 
-        Hinges of ball joints that do not constrain the links (`_removed_hinges`) are left
-        out. A body may be joined to its parent by several hinges. These hinges become a
-        chain of pairs, with a new link between each hinge and the next.
+        A ball joint was replaced by three hinges. Its hinges are left out
+        (`_removed_hinges`) if the links stay connected without it. A body may be joined to
+        its parent by several hinges. These hinges become a chain of pairs, with a new link
+        between each hinge and the next.
         """
         hinges = [
             joint for joint in self._turning_joints if joint not in self._removed_hinges

@@ -92,8 +92,8 @@ def write_javascript(source: FormulaSource) -> str:
     - Functions that the formulas contain, such as the profile of a contact (a curve on a
       link along which it is touched). Such functions are tables of Chebyshev coefficients
       (series).
-    - The formulas. If there is no closed form, a step of Newton's method is one of these
-      functions.
+    - A function that computes the results by the formulas. If there is no closed form, a
+      further function makes a step of Newton's method.
     - A function that returns the mode values at an input, if they depend on the input.
     """
     formulas = source.formulas
@@ -114,7 +114,8 @@ def write_javascript(source: FormulaSource) -> str:
         *write_series(
             source,
             template=JAVASCRIPT_SERIES_TEMPLATE,
-            # A function on a closed profile is periodic, one on an open profile ends.
+            # These templates treat values outside the range of a series: a function on a
+            # closed profile is periodic, one on an open profile ends.
             closed_template=JAVASCRIPT_CLOSED_SERIES_TEMPLATE,
             open_template=JAVASCRIPT_OPEN_SERIES_TEMPLATE,
         ),

@@ -107,8 +107,8 @@ def write_julia(source: FormulaSource) -> str:
 
     - Functions that the formulas contain, such as profiles of contacts, stored as tables of
       Chebyshev coefficients (series).
-    - The formulas. If there is no closed form, a step of Newton's method is one of these
-      functions.
+    - A function that computes the results by the formulas. If there is no closed form, a
+      further function makes a step of Newton's method.
     - A function that returns the mode values at an input, if they depend on the input.
     """
     formulas = source.formulas
@@ -125,7 +125,8 @@ def write_julia(source: FormulaSource) -> str:
         *write_series(
             source,
             template=JULIA_SERIES_TEMPLATE,
-            # A function along a closed curve is periodic, one along an open curve ends.
+            # These templates treat values outside the range of a series: a function along a
+            # closed curve is periodic, one along an open curve ends.
             closed_template=JULIA_CLOSED_SERIES_TEMPLATE,
             open_template=JULIA_OPEN_SERIES_TEMPLATE,
         ),

@@ -424,7 +424,8 @@ def _convert_to_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
 def _find_new_frame(axes: Mapping[str, Floats]) -> Floats:
     """Return the frame of a link with its first pair axis (joint axis) as z axis.
 
-    The second pair axis is in the half-plane x = 0, y > 0.
+    The second pair axis is in the half-plane x = 0, y > 0. The caller measures the sizes of
+    the link in this frame, since the mechanism file has only axes in a pose.
 
     Parameters
     ----------

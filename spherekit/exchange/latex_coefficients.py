@@ -296,7 +296,7 @@ class CoefficientFormulas:
         """Write the derivatives of axes, poles and coefficients with respect to an input.
 
         A pole is the axis of relative rotation of two links. A velocity coefficient is the
-        angular velocity about it per unit rate of the input.
+        angular velocity of this rotation per unit rate of the input.
 
         Parameters
         ----------
@@ -309,8 +309,8 @@ class CoefficientFormulas:
         -------
         The derivative of each symbol.
         """
-        # The derivative of the axis of a pair (joint) is a cross product. The formula of
-        # the axis, one of the positions, is not differentiated.
+        # The derivative of the axis of a pair (joint) is a cross product. So the formula of
+        # the axis, in the section "Positions", is not differentiated.
         derivative_by_symbol = self._write_axis_derivatives(input_index)
         # Each formula contains only symbols of earlier formulas, so the derivatives that it
         # needs are already known.

@@ -353,7 +353,7 @@ class LatexEquationOfMotion:
         load_name
             Name of the load that has this component.
         label
-            Index of the symbols of the component: the number of the component among the
+            Index of the symbol T of the magnitude: the number of the component among the
             components of all loads, counted from 1.
         """
         law = component.magnitude

@@ -250,16 +250,17 @@ class PositionFormulas:
         """Declare the symbol of a size (an angle), and return the size as an expression.
 
         A sine or cosine that is 0, 1 or -1 up to rounding becomes a number, which makes
-        formulas shorter. The sine and cosine of a free size remain symbols, since
-        users insert other values for the size.
+        formulas shorter. A free size is one for which users insert other values, so its
+        sine and cosine remain symbols.
 
         Parameters
         ----------
         size
             Kind and owner of the size, as in `free_sizes`: ("arcs", (link, pair)) for the
             arc of a link from its first axis to that of the pair, ("angles", (link, pair))
-            for the angle from the link's first arc to this arc, or ("zeros", pair) for the
-            constant that is subtracted from the angle of a pair (joint).
+            for the angle about the first axis from the link's first arc to the arc of the
+            pair, or ("zeros", pair) for the constant that is subtracted from the angle of a
+            pair (joint).
         name, meaning
             LaTeX of the symbol of the size, and the meaning of the size.
         value
@@ -364,7 +365,8 @@ class PositionFormulas:
     def _declare_zero(self, pair: int) -> AngleExpression:
         """Declare the angle at which the variable of a pair (joint) is zero, and return it.
 
-        No symbol is declared if the angle is 0, unless the user wants to have the symbol.
+        To declare means to list a symbol with its value, for use in formulas. No symbol is
+        declared if the angle is 0, unless the user wants to have the symbol.
         """
         pair_name = self._mechanism.pairs[pair].name
         value = self._geometry.zeros.get(pair_name, 0.0)
@@ -635,15 +637,16 @@ class PositionFormulas:
     def _write_arc_cosine(self, side: DyadSide) -> Expr:
         """Return the cosine of the arc between the axes u and v of a link of a dyad.
 
-        A dyad is two links that close a loop. Let k be the axis that the file lists first
-        for the link. The file states the arcs a from k to u and b from k to v, and the
-        angle c between these arcs. By the spherical law of cosines, the arc d between u and
-        v has
+        A dyad is two links that close a loop. Let k be the axis that the mechanism file
+        lists first for the link. The file states the arcs a from k to u and b from k to v,
+        and the angle c between these arcs. By the spherical law of cosines, the arc d
+        between u and v has
 
             cos d = cos a cos b + sin a sin b cos c.
 
         The file lists u before v, so v is never k. If u is k, the result is cos b.
-        Otherwise the expression gets a symbol.
+        Otherwise the expression is added to the list of formulas with a symbol on the left
+        side, and the result is this symbol.
         """
         arc_a = side.axis_u.arc
         arc_b = side.axis_v.arc

@@ -121,11 +121,11 @@ def _find_ends_of_modes(position_analysis: PositionAnalysis, motion: Motion) -> 
 
 
 def revolutions_about(angle: Expr, middle: float) -> ExpressionNode:
-    """Return the whole turns (rad) to add to an angle so that it is nearest to a middle.
+    """Return the multiple of 2 pi to add to an angle so that it is nearest to a middle.
 
     With the difference d = angle - middle, atan2(sin d, cos d) is d reduced to (-pi, pi].
     The angle nearest to the middle is middle + atan2(sin d, cos d). The difference between
-    this angle and the original angle is the whole turns.
+    this angle and the original angle is a multiple of 2 pi.
 
     Parameters
     ----------

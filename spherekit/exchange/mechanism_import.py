@@ -53,9 +53,10 @@ def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
 
     Hinges become pairs (joints), and so does each point at which a loop is closed. A ball
     joint becomes three pairs, or none if other pairs connect its links. Welded bodies
-    become one link. Joints with controlled actuators become inputs, and so do other joints
-    if the mechanism has more freedoms. Springs, dampers, dry friction, gravity and
-    actuators without control become loads. Limits become joint limits.
+    become one link. Joints with controlled actuators become inputs. If the mechanism has
+    more degrees of freedom than such actuators, other joints become inputs too. Springs,
+    dampers, dry friction, gravity and actuators without control become loads. Limits become
+    joint limits.
 
     Parameters
     ----------
@@ -63,8 +64,8 @@ def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
         The file, ``*.xml`` (MJCF) or ``*.urdf``. A URDF may close loops by ``<loop_joint>``
         or ``<loop>``.
     within
-        Distance (m) by which axes may miss the centre of the sphere, in which all of them
-        should meet. By default 1e-6 of the size of the model.
+        Largest distance (m) of an axis from the centre of the sphere, the point in which
+        all axes should meet. By default 1e-6 of the size of the model.
 
     Raises
     ------

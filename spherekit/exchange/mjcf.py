@@ -223,7 +223,7 @@ class MujocoModel:
             if body.is_stated
         ]
         farthest_centre = max(centre_distances, default=0)
-        # Whole millimetres, unless the mechanism is smaller than one.
+        # The radius is rounded to whole millimetres, unless this would make it zero.
         return float(np.round(farthest_centre, 3) or farthest_centre or 1.0)
 
     def _write_notes(self) -> list[str]:
@@ -377,7 +377,7 @@ class MujocoModel:
             ball=_format_drawn(DRAWN_SPHERE_RATIO * radius),
             ground=self._names.bodies[self._mechanism.ground],
         )
-        # Line breaks between elements would be read as their text.
+        # The parser would store line breaks between elements as text, so they are removed.
         return ElementTree.fromstring("".join(text.splitlines()))
 
     def _add_custom_numbers(self, custom: Element) -> None:
@@ -413,7 +413,7 @@ class MujocoModel:
         that closes a loop is not a joint of the tree, and only joints can have loads. If
         such a hinge has a load, it becomes a joint with a child of its own: a second body
         of the link `hinge.child`, called twin. A weld joins the twin to the first body of
-        the link. Twins are not drawn.
+        the link. All bodies of a link have equal parts of its inertia. Twins are not drawn.
 
         Parameters
         ----------

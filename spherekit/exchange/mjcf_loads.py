@@ -268,7 +268,8 @@ def _require_motion_law(
         If the magnitude is a Python function, or depends on the time or other variables.
     """
     law = component.magnitude
-    # A `TorqueTable` never occurs here. The class is named only for the type checker.
+    # The type of `magnitude` also allows a `TorqueTable`, which never occurs here. The
+    # condition names it only for the type checker.
     if isinstance(law, TorqueCallback | TorqueTable):
         raise EngineError("it is a Python function")
     if "t" in law.names:
@@ -280,6 +281,8 @@ def _require_motion_law(
 
 def _require_affine_factors(law: Expression, variable_names: Sequence[str]) -> Floats:
     """Return the factors of an affine function c0 + c1 x1 + c2 x2 + ...
+
+    MuJoCo cannot express a load that is another function of the variables.
 
     Parameters
     ----------
@@ -311,7 +314,9 @@ def _require_affine_factors(law: Expression, variable_names: Sequence[str]) -> F
 def _compute_affine_factors(
     law: Expression, variable_names: Sequence[str]
 ) -> Floats | None:
-    """Return the factors of an affine function c0 + c1 x1 + c2 x2 + ...
+    """Return the factors of an affine function c0 + c1 x1 + c2 x2 + ..., if it is affine.
+
+    MuJoCo cannot express a load that is another function of the variables.
 
     Parameters
     ----------
@@ -334,8 +339,8 @@ def _compute_affine_factors(
     }
     function = convert_to_graph(law, expression_pair_by_name)
     slopes = [differentiate([function], {variable: 1.0})[0] for variable in variables]
-    # The function is affine if its derivatives are constant, and it has no jump. The
-    # derivative of a sign is zero.
+    # The function is affine if its derivatives are constant, and it has no jump. A jump is
+    # a sign of an expression with variables. Its derivative is zero and does not show it.
     jumps = [node for node in iterate_nodes([function]) if node.operation == "sign"]
     if any(map(has_variables, [*slopes, *jumps])):
         return None

@@ -365,15 +365,17 @@ class ForeignModel:
     ) -> dict[int, Sequence[float] | None]:
         """Return the driven joints with the ends of their ranges (rad).
 
-        Joints of a URDF are driven by transmissions and by command interfaces of
-        ros2_control. Joints of an MJCF file are driven by actuators.
+        The import chooses the inputs of the mechanism among the driven joints first. Joints
+        of a URDF are driven by transmissions and by command interfaces of ros2_control.
+        Joints of an MJCF file are driven by actuators.
 
         Parameters
         ----------
         root
             The first element of the file.
         numbers_by_name
-            Custom numbers of an MJCF file. ``input_JOINT`` is a range (rad).
+            Numbers in ``numeric`` elements of an MJCF file, by name. The numbers
+            ``input_JOINT`` are the range (rad) of a joint.
 
         Returns
         -------
@@ -407,7 +409,7 @@ class ForeignModel:
                 joint = int(mj_model.actuator_trnid[actuator][0])
                 # A second actuator, such as a velocity servo, may state no range.
                 ranges[joint] = self._find_servo_range(actuator) or ranges.get(joint)
-        # Custom numbers take precedence over other ranges.
+        # The numbers ``input_JOINT`` take precedence over other ranges.
         for joint in ranges:
             stated_range = numbers_by_name.get(f"input_{self.joint_names[joint]}", [])
             if len(stated_range) == 2:
@@ -466,10 +468,12 @@ class ForeignModel:
     def _read_equality(self, equality: int) -> None:
         """Store the meaning of an equality constraint: lock, coupling, weld or loop.
 
-        A constraint of one joint, or of two at the ratio zero, locks the first. Other
-        constraints of two joints, or of tendons (sums of joint angles), couple their rates.
-        A weld joins two bodies rigidly, and a common point of two bodies closes a loop.
-        Constraints of other kinds are left out with a note.
+        A constraint of one joint locks this joint. A constraint of two joints gives the
+        first angle as a polynomial in the second, and locks the first joint if the
+        polynomial is constant. Other constraints of two joints, or of tendons (sums of
+        joint angles), couple their rates. A weld joins two bodies rigidly, and a common
+        point of two bodies closes a loop. Constraints of other kinds are left out with a
+        note.
 
         Parameters
         ----------
@@ -482,7 +486,8 @@ class ForeignModel:
         element = mj_model.eq(equality)
         first_object = mj_model.eq_obj1id[equality]
         second_object = mj_model.eq_obj2id[equality]
-        # There may be no second joint, or only the constant of the polynomial in its angle.
+        # There is no second joint, or all coefficients of the polynomial in its angle but
+        # the constant are zero.
         is_constant = second_object < 0 or not np.any(mj_model.eq_data[equality][1:5])
         if kind == kinds.mjEQ_JOINT and is_constant:
             self.locked_joints.add(first_object)

@@ -108,7 +108,7 @@ def _measure_gaps(mujoco: Any, model: Any, data: Any) -> tuple[Bools, Floats]:
     -------
     is_equality_row
         (constraints,) whether a scalar constraint of MuJoCo belongs to an equality
-        constraint.
+        constraint. The caller selects rows of other constraint arrays by this mask.
     gaps
         (equalities,) the gap (m or rad) of each of these scalar constraints.
     """
@@ -156,13 +156,18 @@ def _move_joints(mujoco: Any, model: Any, data: Any, joints: Sequence[int]) -> b
 
 
 def _list_gaps(mujoco: Any, model: Any, data: Any) -> str:
-    """Return the names of all loops with their gaps and units in the present pose."""
+    """Return a text for an error message: how far each loop is open in the present pose.
+
+    MuJoCo closes loops by equality constraints, and couples or locks joints in the same
+    way. The text names each equality constraint, with its largest gap (error) and unit.
+    """
     kinds = mujoco.mjtEq
-    # The rows of a weld are lengths and angles.
+    # The scalar constraints of a weld are lengths and angles, so its unit is "m or rad".
     units = {kinds.mjEQ_CONNECT: "m", kinds.mjEQ_JOINT: "rad"}
     is_equality_row, gaps = _measure_gaps(mujoco, model, data)
     gap_by_name: dict[str, float] = {}
     unit_by_name: dict[str, str] = {}
+    # `number` is the index of the equality constraint to which a scalar constraint belongs.
     for number, gap in zip(
         data.efc_id[is_equality_row].tolist(), np.abs(gaps), strict=True
     ):

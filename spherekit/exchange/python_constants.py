@@ -22,10 +22,12 @@ def write_constants(source: FormulaSource, library: str) -> str:
     """Return the text of the first lines of an exported Python file.
 
     The exported file computes quantities of a mechanism by formulas. Its first lines import
-    a library and define four constants: the names of the arguments that describe the
-    motion, the sizes (numbers of the mechanism that can change) with their values, the
-    names of the results with their units, and for each assembly mode (way to assemble the
-    mechanism) the values that select the mode.
+    a library and define four constants:
+
+    - The names of the arguments that describe the motion, such as the inputs.
+    - The sizes (numbers of the mechanism that can change) with their values.
+    - The names of the results with their units.
+    - For each assembly mode (way to assemble the mechanism), the values that select it.
 
     Parameters
     ----------

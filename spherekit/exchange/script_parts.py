@@ -36,8 +36,9 @@ def write_series(
     source
         The formulas with their series.
     template
-        Template of the function in a programming language. Its fields are the keys of the
-        dictionaries in `FormulaSource.series_fields`, and ``{around}``.
+        Template of the function in a programming language. `FormulaSource.series_fields`
+        has a dictionary for each series. Its keys are the names of the fields. A further
+        field is ``{around}``.
     closed_template, open_template
         Templates of the lines that replace ``{around}``. These lines deal with values of
         the variable outside of the range of the series. On a closed curve such values are

@@ -80,11 +80,12 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
 
     All other numbers are constants in the formulas, so sizes of other kinds are refused.
     Examples are the numbers of contact profiles (curves), and the two points by which a
-    file may state the axis of a pair (joint). If a contact profile depends on an arc or an
-    angle, this size is refused too. The message for the user names all refused sizes.
+    file may state the axis of a pair (joint). An arc or an angle is refused, too, if the
+    numbers of a contact profile depend on it. The message for the user names all refused
+    sizes.
 
-    No size is refused if links replace all contacts in the formulas
-    (`varied.equivalent_linkage`).
+    In the formulas, links can replace all contacts (`varied.equivalent_linkage`). No size
+    is refused then.
 
     Parameters
     ----------
@@ -110,7 +111,8 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
         # latitudes of axes and directions.
         is_fixed = not variable.is_angle and not is_mass_or_load
         # The size is changed a little, to see whether the contact profiles change with it.
-        # A size for which no change is possible (None) is refused.
+        # If no tried change gives a valid mechanism, the result is None and the size is
+        # refused.
         if mechanism.has_contacts and not is_fixed:
             values_after = _profile_numbers_after_change(varied, variable)
             is_fixed = values_after is None or not np.array_equal(
@@ -239,6 +241,9 @@ def _find_idle_rows(
 ) -> list[int]:
     """Return which sizes change no result in one configuration of each assembly mode.
 
+    The caller tries the returned sizes again in a second configuration, because an effect
+    can be zero by chance in a single one.
+
     Formulas without a closed form contain a step of Newton's method that computes the pair
     variables. The variables after the step and the closure residual count as results.
 
@@ -249,8 +254,10 @@ def _find_idle_rows(
     rows
         Indices of the sizes that are tried, in `formulas.sizes`.
     motion, mode_values
-        (arguments, modes) and (values, modes) the configurations, as the formulas take
-        them.
+        The configurations, one for each mode. `motion` (arguments, modes) has the inputs
+        and the other arguments that describe the motion. `mode_values` (values, modes)
+        select the mode: signs in closed form, otherwise pair variables near the
+        configuration.
     """
     # `step` has the results of a step of Newton's method. It is empty in closed form.
     evaluate = formulas.numpy_function([*formulas.outputs, *formulas.step])
@@ -268,20 +275,24 @@ def _find_idle_rows(
 
 
 def _follow_mode_values(formulas: Formulas, motion: Floats, mode_values: Floats) -> Floats:
-    """Return the numbers (values, modes) that select each assembly mode at another motion.
+    """Return the numbers (values, modes) that select each assembly mode after a small step.
 
-    The signs of dyads (groups of two links) in closed form stay. Pair variables are
-    computed by Newton's method. They are NaN for a mode in which the loops stay open, so
-    that sizes have no effect there.
+    The step changes the arguments of the formulas, such as the inputs and their rates. The
+    caller then tests again which sizes (numbers of the mechanism file) change a result.
+
+    The signs that select a mode of formulas in closed form stay. Otherwise pair variables
+    select it, and they follow the step by Newton's method. They become NaN for a mode in
+    which the loops do not close. The results of this mode are then NaN, and no size counts
+    as changing them.
 
     Parameters
     ----------
     formulas
         The formulas.
     motion
-        (arguments, modes) the other motion.
+        (arguments, modes) the arguments of the formulas after the step.
     mode_values
-        (values, modes) the numbers at a motion near it.
+        (values, modes) the numbers that select the modes before the step.
     """
     if not formulas.step:
         return mode_values
@@ -367,6 +378,8 @@ def _compute_least_effects(
 
 def _has_effect(values_before: Floats, values_after: Floats, least_effect: Floats) -> bool:
     """Return whether any result has changed by more than rounding.
+
+    The caller changes one size after another, and lists those without effect.
 
     Parameters
     ----------

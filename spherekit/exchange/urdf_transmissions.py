@@ -43,19 +43,22 @@ class DrivenJoint:
 
 @dataclass(frozen=True)
 class DrivenWheel:
-    """A wheel that stands for one motor of a transmission with two motors and two joints.
+    """A wheel that one motor of a transmission with two motors and two joints turns.
 
-    The inner joint carries the outer joint. In a differential, for example, each motor
-    turns a side wheel, and both wheels together move both joints. The wheel is coaxial with
-    the inner joint. The angle of the wheel is the angle of the inner joint plus `ratio`
-    times the angle of the outer joint.
+    In a differential, for example, each motor turns a side wheel, and both wheels together
+    move both joints. The file does not contain the wheel. It is added to the model as a
+    link, because the motor turns none of the joints alone.
+
+    The inner joint carries the outer joint. The wheel is coaxial with the inner joint. The
+    angle of the wheel is the angle of the inner joint plus `ratio` times the angle of the
+    outer joint.
 
     Attributes
     ----------
     transmission, motor
         Names of the transmission and the motor.
     wheel
-        Name of the wheel as a link and as a joint.
+        Name of the link that is added for the wheel, and of the joint of this link.
     inner_joint, outer_joint
         Names of the two joints of the transmission.
     ratio

@@ -35,8 +35,9 @@ def express_masses(
 ) -> tuple[Mass, ...]:
     """Return the masses of a mechanism as expressions of the numbers that can vary.
 
-    A mass consists of an inertia tensor, and often an amount (kg) and a centre of mass. A
-    mass becomes an expression if one of its numbers in the file has an expression.
+    With these masses, formulas of the dynamics follow changes of the design. A mass
+    consists of an inertia tensor, and often an amount (kg) and a centre of mass. A mass
+    becomes an expression if `expression_by_path` has an expression for one of its numbers.
 
     The file can also refer to axes of pairs (joints). The file can state a mass as a
     uniform arc between two axes, or a tensor in a frame of two axes. The mass then becomes

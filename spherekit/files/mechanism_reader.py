@@ -188,19 +188,20 @@ def mechanism_from_document(document: Document) -> Mechanism:
 
 
 def _locate(document: Document, error: ModelError, path: KeyPath) -> FileError | ModelError:
-    """Return the error to raise for an error of the model, with file, line and key.
+    """Return an error with file, line and key that replaces an error of the model.
 
-    The result is a `FileError` with the line of the key, or a `ModelError` if the document
-    has no text.
+    The classes of the model know no file. The caller raises the result in place of their
+    error. The result is a `FileError` with the line of the key, or a `ModelError` if the
+    document has no text.
 
     Parameters
     ----------
     document
         The document.
     error
-        The error of the model.
+        The error of the model. Its message can begin with a key, as "pairs.21.links: ...".
     path
-        Path of the key, unless the message of the error begins with another key.
+        Path of the key for a message that does not begin with a key.
     """
     message = str(error).removeprefix(f"{document.data['name']}: ")
     own_path, message_after_key = _split_key_message(message)
@@ -288,7 +289,8 @@ class _MechanismReader:
         ------
         FileError
             If the function raises a `ModelError`. The new error has the same message, with
-            the line and the key. A key in the message takes precedence over `path`.
+            the line and the key. If the message begins with a key, this key is stated
+            instead of `path`.
         """
         try:
             return function(*arguments)

@@ -52,14 +52,17 @@ def build(
     ground
         Name of the link that does not move.
     links
-        By name, the sizes of each link: ``{"axes": [R pairs on it], "arcs": [from the
-        first axis to each other], "angles": [...]}``. The names are enough if the pairs
-        state their axes.
+        By name, a table of each link. ``"axes"`` lists its R pairs. ``"arcs"`` lists the
+        arcs from the first axis to each of the others. With three or more axes,
+        ``"angles"`` lists the angles at the first axis, from the first arc to each other
+        arc. If the pairs state their axes in a pose, a list of link names is sufficient.
     pairs
-        By name. An R pair is its two links, ``["base", "crank"]``, or a table with
-        ``"links"`` and ``"zero"``; if axes are given in a reference pose, with ``"xyz"``
-        or ``"lonlat"``. Its variable is the rotation of the second link relative to the
-        first. A contact has ``"type": "Cr"`` or ``"Cs"`` and profiles, cones or gears.
+        By name. An R pair is a list of its two links, such as ``["base", "crank"]``, or a
+        table with ``"links"``. In the table, ``"zero"`` is the angle between the links at
+        which the variable is zero. Alternatively, ``"xyz"`` or ``"lonlat"`` is the axis in
+        a reference pose. The variable is the rotation of the second link relative to the
+        first. A contact has the ``"type"`` ``"Cr"`` (rolling) or ``"Cs"`` (sliding), and
+        profiles, cones or gears.
     inputs
         Driven pairs: their names, or by name the first and the last value of the
         variable. By default the first R pair, through one turn.

@@ -51,8 +51,8 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     ------
     OutputError
         If the format cannot express the mechanism. Examples are an axis that is not a unit
-        vector, a profile with values that do not belong to its kind, a load that is a
-        Python function, and user data of a type that TOML lacks.
+        vector, a profile with fields of another kind (such as a great circle with a
+        radius), a load that is a Python function, and user data of a type that TOML lacks.
     """
     try:
         text = canonical_text(mechanism, angle_unit)

@@ -197,8 +197,9 @@ def _explain_missing_number(
         problem = _explain_other_value(key, path_by_key)
     else:
         problem = _explain_missing_part(key, reached, reached.missing_part)
-    # The user may mean a key that begins with `problem.prefix`. Of the keys of one number,
-    # the message lists the shorter one first: "links.2.arc" before "links.2.arcs.0".
+    # `problem.prefix` is the beginning of the key that is valid. The user may mean another
+    # key with this beginning. Of the keys of one number, the message lists the shorter one
+    # first: "links.2.arc" before "links.2.arcs.0".
     shorter_first = reversed(list(path_by_key))
     similar_keys = [
         other_key for other_key in shorter_first if other_key.startswith(problem.prefix)

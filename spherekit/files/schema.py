@@ -192,7 +192,9 @@ def validator(kind: Kind = "mechanism") -> Any:
     def check_items_quickly(
         validator: Any, item_schema: Any, array: Any, part: Any
     ) -> Iterator[Any]:
-        """Yield the errors of the items of an array, as the rule "items" of jsonschema.
+        """Yield the errors of the items of an array, like the rule "items" of jsonschema.
+
+        An array of valid floats passes in one quick test, without that rule.
 
         Parameters
         ----------

@@ -190,7 +190,7 @@ class _KeyScanner:
         path: KeyPath = ()
         for key in keys:
             path = (*path, key)
-            # The size is 0 if the path is no array of tables.
+            # The sizes are a `Counter`, which has 0 for a path that is no array of tables.
             array_size = self.array_table_sizes[path]
             if array_size:
                 path = (*path, array_size - 1)

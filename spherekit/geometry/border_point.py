@@ -48,7 +48,8 @@ def points_on_arcs(start: Floats, end: Floats, angle: Floats) -> Floats:
     -------
     (n, 3) unit vectors.
     """
-    # The cross product with the difference of both ends is accurate also for short arcs.
+    # `toward` is the unit tangent of the arc at its start. start x (end - start) equals
+    # start x end, but is accurate also for short arcs.
     toward = unit_rows(cross(cross(start, end - start), start))
     return np.cos(angle)[:, None] * start + np.sin(angle)[:, None] * toward
 

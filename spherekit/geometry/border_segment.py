@@ -48,10 +48,11 @@ CHECK_STEPS = 16
 
 
 def chord_frames(start: Floats, end: Floats) -> Floats:
-    """Return the frames of chords.
+    """Return the frames of chords, by which points beside the chords are placed.
 
     On the unit sphere, the chord of a curve is the arc of the great circle between its
-    ends. A frame is a set of three perpendicular unit vectors.
+    ends. A frame is a set of three perpendicular unit vectors. `points_beside_chords` uses
+    the frames.
 
     Parameters
     ----------
@@ -271,8 +272,9 @@ class BorderSegments(ArrayRows):
         (n,) False for a segment that begins at a corner of the border in the triangle. The
         leading segment of the same triangle ends at this corner.
     is_sound
-        (n,) whether the border was found, and no other margin is negative on it. A segment
-        that is not sound is its chord.
+        (n,) whether the border between the ends of the segment was found, and no other
+        margin is negative on it. In place of the border, a segment that is not sound has
+        its chord.
     order
         (n,) order of the polynomial of the height, one of `ORDERS`.
     height
@@ -300,10 +302,11 @@ class BorderSegments(ArrayRows):
     def empty() -> "BorderSegments":
         """Return an object without segments (pieces of the border of a region).
 
-        Each field is an array with one row for each segment, so every field has no rows
-        here.
+        The refinement of a region begins with it, before the border is found. Each field is
+        an array with one row for each segment, so every field has no rows here.
         """
-        # `height` has one column for each node of a polynomial. The polynomial with the
+        # The height of a segment over its chord is a polynomial. `height` has one column
+        # for each interpolation point (node) of this polynomial. The polynomial with the
         # highest degree has one node more than this degree.
         highest_degree = ORDERS[-1]
         max_node_count = highest_degree + 1
@@ -367,8 +370,8 @@ class BorderSegments(ArrayRows):
             the border.
         """
         # Begin with chords: order 1, no height, and no area beside the chord. A segment is
-        # sound if its border is known. All searched segments begin as sound. `raise_order`
-        # makes those unsound whose border it does not find.
+        # sound if the border between its ends is known. All searched segments begin as
+        # sound. `raise_order` makes a segment unsound if it does not find the border there.
         n = len(margin)
         start, stop = crossings
         segments = BorderSegments(
@@ -615,8 +618,9 @@ class BorderSegments(ArrayRows):
         points = self._points_at(selected, u, height)  # (k, samples, 3)
         margins = evaluate(points.reshape(-1, 3))
         margins = margins.reshape(len(selected), len(u), margins.shape[1])
-        # (k, 1, 1) index of the border margin of each segment. No margin is zero where the
-        # region ends because a margin becomes NaN.
+        # (k, 1, 1) index of the border margin of each segment. It is `UNDEFINED_MARGIN` if
+        # the region ends because a margin becomes NaN. No margin has to be zero there, so
+        # the margins are compared with 0.
         border_number = self.margin[selected, None, None]
         border_margin = np.take_along_axis(margins, border_number, axis=2)
         return margins - np.where(border_number == UNDEFINED_MARGIN, 0.0, border_margin)
@@ -709,10 +713,12 @@ def find_nearest_point(
 ) -> Floats:
     """Return the point of a border that is nearest to a direction.
 
-    The border consists of segments (smooth pieces) between known points. The nearest point
-    is the end of a segment, or a point within a segment at which the distance has a
-    minimum. A segment is sound if its border is known. Of any other segment only the ends
-    are examined.
+    It is the point of the region that is nearest to a direction outside. The border
+    consists of segments between known points. The nearest point is an end of a segment, or
+    a point within a segment at which the distance has a minimum.
+
+    A segment is sound if the course of the border between its ends was found. Of other
+    segments only the ends are examined.
 
     Parameters
     ----------
@@ -728,8 +734,8 @@ def find_nearest_point(
     (3,) unit vector.
     """
     nearby = _select_nearby_segments(segments, direction)
-    # Segments are polynomials, most accurate with the highest degree. A segment becomes
-    # unsound if the method does not find its border.
+    # Segments are polynomials, most accurate with the highest degree. Where the method does
+    # not find the border at the additional nodes, it marks the segment as unsound.
     nearby.raise_to_highest_order(evaluate)
     candidates = [nearby.ends.reshape(-1, 3)]
     for number in np.flatnonzero(nearby.is_sound):

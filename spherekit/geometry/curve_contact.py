@@ -160,17 +160,20 @@ def _frame_cosines(first_frames: Floats, second_frames: Floats) -> Floats:
 def _find_row_maxima(values: Floats, closed: bool) -> Bools:
     """Return a mask (n, m) of the values that are local maxima of their row.
 
+    A value that equals a neighbour can be a maximum, too.
+
     Parameters
     ----------
     values
-        (n, m) values, at least -1.
+        (n, m) cosines of angles between samples of two curves. A row has all samples of the
+        second curve.
     closed
         Whether the first and the last value of a row are neighbours.
     """
     before = np.roll(values, 1, axis=1)
     after = np.roll(values, -1, axis=1)
     if not closed:
-        # The ends are compared with one neighbour only.
+        # The ends have one neighbour only. No cosine is less than -1.
         before[:, 0] = -1.0
         after[:, -1] = -1.0
     return (values >= before) & (values >= after)

@@ -40,10 +40,11 @@ class BorderArc:
     Attributes
     ----------
     margin
-        Index of the margin that is 0 on the arc, or -1 if the arc is the border of the
-        directions in which a margin is defined.
+        Index of the margin that is 0 on the arc. -1 if the region ends at the arc because a
+        margin is undefined beyond it.
     points
-        (m, 3) unit vectors along the arc, with the region to their left.
+        (m, 3) unit vectors along the arc, with the region to their left, seen from outside
+        the sphere.
     """
 
     margin: int
@@ -63,7 +64,7 @@ class Boundary:
     arcs
         Smooth arcs of the curve, in order. One margin is 0 along each arc.
     component
-        Index of the component on the left of the curve.
+        Index of the component on the left of the curve, seen from outside the sphere.
     gap
         Index of the gap on the right of the curve.
     """
@@ -406,9 +407,16 @@ def _find_parts(
 def _split_into_arcs(segments: BorderSegments, loop: Indices) -> tuple[BorderArc, ...]:
     """Return the smooth arcs of a closed border curve.
 
-    The curve is a chain of segments (pieces), given by their numbers (n,). The region has
-    several margins, functions that are at least 0 inside. One of them is 0 on each segment.
-    An arc consists of successive segments on which the same margin is 0.
+    The region has several margins, functions that are at least 0 inside. The border
+    consists of segments (pieces), and one of the margins is 0 on each segment. An arc
+    consists of successive segments on which the same margin is 0.
+
+    Parameters
+    ----------
+    segments
+        The segments of all border curves.
+    loop
+        (n,) numbers of the segments of the closed curve, in order.
     """
     # (n,) number of the margin that is 0 on each segment.
     margin = segments.margin[loop]

@@ -40,6 +40,9 @@ def upward(normals: Floats) -> Floats:
 def mirror_angles(normals: Floats) -> tuple[Floats, Floats, Floats]:
     """Return phi, gamma and omega (n,), rad, of mirrors with unit normals (n, 3).
 
+    These angles state poses of a mechanism in which base and output link are mirror images
+    of each other.
+
     A mirror reflects points in the plane through the centre with the normal n. Of the two
     opposite normals, the one with n_z >= 0 defines the angles:
 
@@ -64,6 +67,9 @@ def mirror_angles(normals: Floats) -> tuple[Floats, Floats, Floats]:
 
 def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
     """Return the unit normals of mirrors through the centre, from the two angles of each.
+
+    In some mechanisms, base and output are mirror images of each other. Two angles of the
+    mirror then state a pose of the output, which is computed from the normal.
 
     The angles tell how far a mirror moves two points of the unit sphere:
 

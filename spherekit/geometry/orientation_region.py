@@ -556,8 +556,9 @@ def _replace_nan_margins(margins: Floats) -> Floats:
     - No other margin is negative at the point. The NaN becomes -1, so that it excludes the
       point from the set.
     - Another margin is negative at the point, and excludes it already. The NaN becomes the
-      largest value that its margin has in the cell, or 1 if there is none. A value of -1
-      beside positive ones would add a false border to the cell.
+      largest value that its margin has in the cell, or 1 if there is none. With -1,
+      interpolation between this point and points with positive values would give a false
+      border of the set.
 
     For example, two margins have the values (0.5, 2), (NaN, 3) and (NaN, -1) at three
     points of a cell. The NaN of the second point becomes -1, that of the third one 0.5.
@@ -641,10 +642,12 @@ def _filled_parts(samples: Floats) -> Floats:
 def _filled_fractions(polynomials: Floats) -> Floats:
     """Return the fraction of each subcell of a cell in which a polynomial is positive.
 
-    A cell is divided into subcells. The fraction is estimated as 1/2 + f / S, limited to
-    the range from 0 to 1. Here f is the value at the centre of the subcell, and S the
-    difference between its largest and smallest values. The estimate treats the polynomial
-    as linear. `_curvature_correction` is added for borders that are curved.
+    The polynomial interpolates a margin, a function that is positive inside a set of
+    orientations. A cell is divided into subcells. The fraction is estimated as 1/2 + f / S,
+    limited to the range from 0 to 1. Here f is the value at the centre of the subcell, and
+    S the difference between its largest and smallest values. The estimate treats the
+    polynomial as linear. For polynomials that are not linear, `_curvature_correction` is
+    added.
 
     Parameters
     ----------

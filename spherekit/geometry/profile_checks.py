@@ -60,9 +60,11 @@ def check_colatitude(path: FourierPath) -> None:
         If the colatitude reaches 0 or 180 degrees. A coefficient of more than 180 degrees
         proves this alone.
     """
-    # The coefficient of order 0 is the mean colatitude. The others are at most twice the
-    # mean size of colatitude - 90 deg. So no coefficient of an allowed colatitude exceeds
-    # 180 deg. `sines[0]` has no effect. Larger coefficients could overflow below.
+    # No coefficient of an allowed colatitude exceeds 180 deg. The coefficient of order 0 is
+    # the mean colatitude. The others are also the coefficients of colatitude - 90 deg, a
+    # function of less than 90 deg in size. A Fourier coefficient is at most twice the mean
+    # size of the function. Larger coefficients could overflow below. `sines[0]` has no
+    # effect.
     largest = float(max_abs(np.append(path.cosines, path.sines[1:]), axis=0))
     if largest > np.pi:
         raise ValueError(
@@ -229,6 +231,8 @@ def _sample_panels(path: SplinePath, samples_per_panel: int) -> Floats:
 def _find_close_arcs(starts: Floats, ends: Floats) -> tuple[Indices, Indices]:
     """Return pairs of arcs of a closed chain of arcs that are near enough to meet.
 
+    The caller examines only these pairs, to save time.
+
     Two arcs can meet only if the distance of their middles is at most the mean of their
     lengths. Arcs on one great circle meet if and only if this holds. Successive arcs share
     an end, so such pairs are left out. A pair can be returned in both orders.
@@ -247,8 +251,8 @@ def _find_close_arcs(starts: Floats, ends: Floats) -> tuple[Indices, Indices]:
     middles = unit_rows(starts + ends)
     lengths = arc(starts, ends)
     # For each arc, the numbers of the arcs whose middles are not farther away than its own
-    # length. The longer arc of each pair that meets finds the other one. The factor covers
-    # rounding.
+    # length. The mean of two lengths is at most the longer one. So of two arcs that meet,
+    # at least the longer one finds the other. The factor covers rounding.
     neighbours = cKDTree(middles).query_ball_point(middles, lengths * (1.0 + 1e-9))
     neighbour_counts = [len(numbers) for numbers in neighbours]
     arc_count = len(starts)

@@ -217,9 +217,9 @@ class RegionRefinement:
         """Return a mask (T,) of the triangles that have to be cut next.
 
         Margins are the functions that are at least 0 in the region. A triangle is *open* if
-        a part of the region, or a hole, may be hidden in it. A triangle is *broken* if the
-        margins are defined in a part of it only. There are three reasons for a cut. The
-        first one that applies to any triangle decides:
+        it may hide a small part of the region, or a hole of the region. A triangle is
+        *broken* if the margins are defined in only a part of it. There are three reasons
+        for a cut. The first one that applies to any triangle decides:
 
         1. Triangles are open and have an edge longer than `feature`, or are broken and have
            an edge longer than `MAX_BROKEN_EDGE_RAD`.
@@ -290,10 +290,11 @@ class RegionRefinement:
         A corner of the border in a triangle divides the border there into two segments. The
         first two areas are added for each segment, the last one only for the first segment.
         A segment can bend over an edge of its triangle. The area beyond the edge is
-        assigned to the same triangle.
+        assigned to the same triangle. So the sum of all results is the area of the region.
         """
         division = self._divide_triangles()
-        # Areas for each segment (n,) of the border.
+        # Areas for each segment (n,) of the border. The apex is the vertex A of the
+        # drawings, and `other_inside` is B.
         apex = self.points[division.apex]
         other_inside = self.points[division.other_inside]
         start, end = np.moveaxis(self.segments.ends, 1, 0)
@@ -395,9 +396,11 @@ class RegionRefinement:
     def _divide_triangles(self) -> TriangleDivision:
         r"""Return how the border divides the triangles that it crosses.
 
-        A segment is a smooth piece of the border in one triangle, with the region on its
-        left. Its nodes (*) run from start to stop. The vertices follow counter-clockwise:
-        odd, second, third. The odd vertex is the only one inside, or the only one outside::
+        The callers need the part of each triangle inside the region, for the area of the
+        region and for its triangulation. A segment is a smooth piece of the border in one
+        triangle, with the region on its left. Its nodes (*) run from start to stop. The
+        vertices follow counter-clockwise: odd, second, third. The odd vertex is the only
+        one inside, or the only one outside::
 
             inside: odd                     inside: second and third
 
@@ -408,10 +411,14 @@ class RegionRefinement:
                /       \                         / _.-'   \
             second --- third                second ------- third
 
-        With one vertex inside, the region is a fan of triangles between the apex, odd, and
-        the nodes. With two inside, the apex of the fan is second. The dashed line separates
-        the fan from an extra triangle: second, third and start. At a corner of the border,
-        two segments meet in a triangle. Each has a fan, the leading one the extra triangle.
+        With one vertex inside, the part inside is a fan of small triangles. Each of them
+        joins the apex (here odd) to two successive nodes. With two vertices inside, the
+        apex is second. The dashed line separates the fan from an extra triangle: second,
+        third and start.
+
+        At a corner of the border in a triangle, the leading segment ends and another one
+        begins. Both have a fan from the same apex. Only the leading segment has the extra
+        triangle, because it begins at start.
         """
         # (T,) for every triangle of the mesh.
         inside_count = self.is_inside[self.triangles].sum(axis=1)
@@ -679,9 +686,9 @@ class RegionRefinement:
         """Cut the triangles for which `is_cut` (T,) is true.
 
         Neighbours are cut where necessary, so that no new vertex is in the middle of an
-        edge. All other triangles retain their properties. Margins are functions of the
-        direction that are at least 0 inside the region. `has_several_uncertain` says
-        whether several margins may have either sign in a triangle.
+        edge. The margins (functions of the direction that are at least 0 in the region) are
+        evaluated at the new vertices. Triangles that are not cut retain their properties
+        and their segments (pieces of the border).
         """
         mesh = bisect_triangles(self.points, self.triangles, is_cut)
         new_points = mesh.points[len(self.points) :]
@@ -697,7 +704,7 @@ class RegionRefinement:
         self.has_several_uncertain = _carry_over(
             self.has_several_uncertain, mesh.origin, False
         )
-        # Segments are the pieces of the border in single triangles.
+        # Segments name their triangles by index, and the indices have changed.
         self._renumber_segments(mesh.origin, old_count=len(is_cut))
 
     def _renumber_segments(self, origin: Indices, old_count: int) -> None:

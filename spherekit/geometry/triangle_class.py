@@ -82,11 +82,11 @@ class MarginBounds:
 def _bernstein_matrix() -> Floats:
     """Return the matrix (6, 6) from samples of a function to Bernstein coefficients.
 
-    The samples are at the vertices 1, 2, 3 and at the midpoints of the edges 12, 23, 31 of
-    a triangle. They determine a polynomial of degree 2. Its value is b1 p^2 + b2 q^2 + b3
-    r^2 + 2 b12 p q + 2 b23 q r + 2 b31 r p, with the barycentric coordinates p, q, r of a
-    point. The b are the Bernstein coefficients. In the triangle the polynomial is between
-    the smallest and the largest b.
+    The coefficients are bounds of a polynomial in a triangle. The samples are at the
+    vertices 1, 2, 3 and at the midpoints of the edges 12, 23, 31. They determine a
+    polynomial of degree 2. Its value is b1 p^2 + b2 q^2 + b3 r^2 + 2 b12 p q + 2 b23 q r +
+    2 b31 r p, with the barycentric coordinates p, q, r of a point. The b are the Bernstein
+    coefficients. In the triangle the polynomial is between the smallest and the largest b.
 
     Returns
     -------

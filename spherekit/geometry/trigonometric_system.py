@@ -1167,7 +1167,8 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
 def _start_angles_of_two(equations: Numbers, first_angles: Complexes) -> Complexes:
     """Return starts of Newton's method for systems of two equations.
 
-    With the first angle inserted, one of the equations gives two values of the last angle.
+    With the first angle inserted, both equations contain only the last angle. The one that
+    is more accurate gives two values of this angle. Each of them is a start.
 
     Parameters
     ----------
@@ -1417,7 +1418,11 @@ def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complex
 
 
 def _insert_factors(equations: Numbers, factors: Numbers) -> Complexes:
-    """Return the sums of the coefficients of equations times factors of the angles.
+    """Return sums of the coefficients of equations times one factor of every angle.
+
+    The factors of an angle are 1, its cosine and its sine. With these factors the sums are
+    the values of the equations. If the factors of one angle are replaced by their
+    derivatives, the sums are derivatives of the equations with respect to this angle.
 
     For two angles this is the sum over x and y of equations[n, k, x, y] factors[n, m, 0, x]
     factors[n, m, 1, y].
@@ -1428,8 +1433,8 @@ def _insert_factors(equations: Numbers, factors: Numbers) -> Complexes:
         (n, t, 3, ..., 3) coefficients of n systems of t equations in t angles. Each of the
         last t axes belongs to an angle.
     factors
-        (n, m, t, 3) factors (1, cosine and sine, or their derivatives) of the t angles of m
-        solutions of each system.
+        (n, m, t, 3) factors, or their derivatives, of the t angles of m solutions of each
+        system.
 
     Returns
     -------

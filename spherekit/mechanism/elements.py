@@ -188,8 +188,8 @@ class LinkSizes:
         the arc that ends at `axes[k + 2]`. The angle is positive counter-clockwise, seen
         from outside the sphere.
     unpaired
-        Axes without a pair, such as the former axis of a pair that was locked. Arcs and
-        angles can be measured from such an axis, so the axis is kept.
+        Names of those `axes` that have no pair, such as the former axis of a pair that was
+        locked. Arcs and angles can be measured from such an axis, so the axis is kept.
     signed
         Whether arcs may be below 0 or above pi. A negative arc leads from the first axis
         in the opposite direction. An arc above pi continues beyond the point opposite to

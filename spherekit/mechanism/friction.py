@@ -204,15 +204,16 @@ class Bearings(BearingFriction):
                 )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return one load component: the factor of the friction that needs no reactions.
+        """Return the friction as one load component, without its unknown forces.
 
-        The friction moment (N m) is -tanh(v / speed) times the coefficient, the radius and
-        the sum of the forces on the bearings. Here v is the rate of the pair, and `speed`
-        is the attribute. The forces are known only after the reactions have been computed.
         A load component is an expression, called its magnitude, and the pair at which it
-        acts. Here the magnitude is only the factor -tanh(v / speed). The solution of the
-        reactions later multiplies this factor by the coefficient, the radius and the
-        forces. If the coefficient or the radius is 0, the magnitude is 0.
+        acts. The friction moment (N m) is -tanh(v / speed) times the coefficient, the
+        radius and the sum of the forces on the bearings. Here v is the rate of the pair,
+        and below `speed` the jump of Coulomb's law is smoothed. The forces are known only
+        after the reactions have been computed, so the magnitude here is the factor
+        -tanh(v / speed). The solution of the reactions multiplies it by the coefficient,
+        the radius and the forces. If the coefficient or the radius is 0, the magnitude is
+        0.
         """
         magnitude = f"-tanh(dtheta_{self.pair}/{format_number(self.speed)})"
         if not self.friction_coefficient > 0.0:
@@ -280,15 +281,15 @@ class ContactFriction(BearingFriction):
         return push[..., None, :]
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return one load component: the factor of the friction that needs no reactions.
+        """Return the friction as one load component, without its unknown normal force.
 
-        The friction moment (N m) is -tanh(v / speed) times the coefficient times the push.
-        Here v is the sliding rate, `speed` is the attribute, and the push is the moment of
-        the normal force about the centre. The push is known only after the reactions have
-        been computed. A load component is an expression, called its magnitude, and the pair
-        at which it acts. Here the magnitude is only the factor -tanh(v / speed). The
-        solution of the reactions later multiplies this factor by the coefficient and the
-        push. If the coefficient is 0, the magnitude is 0.
+        A load component is an expression, called its magnitude, and the pair at which it
+        acts. The friction moment (N m) is -tanh(v / speed) times the coefficient times the
+        push. Here v is the sliding rate, and below `speed` the jump of Coulomb's law is
+        smoothed. The push is the moment of the normal force about the centre. It is known
+        only after the reactions have been computed, so the magnitude here is the factor
+        -tanh(v / speed). The solution of the reactions multiplies it by the coefficient and
+        the push. If the coefficient is 0, the magnitude is 0.
         """
         if not self.friction_coefficient > 0.0:
             return (LoadComponent(parse("0", [])),)

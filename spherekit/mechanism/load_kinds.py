@@ -183,13 +183,13 @@ class PointForce(Load):
     """
 
     kind = "force"
-    # What the fields contain, for readers of files: "texts" are expressions, and "axes" is
-    # the word "ground" or "link".
+    # What the fields contain, for functions that read and write mechanism files. "texts"
+    # are expressions, and "axes" is the word "ground" or "link".
     field_kinds = MappingProxyType(
         {"link": "link", "point": "vector", "force": "texts", "axes": "axes"}
     )
-    # Unit of the velocity of the point per unit rate of an angle. The force (N) times this
-    # velocity (m) is a generalised force (N m).
+    # Unit of the velocity of the point per unit rate of an angle: m/s per rad/s, thus m.
+    # The force (N) times this velocity is a generalised force (N m).
     velocity_unit = "m"
 
     name: str
@@ -308,9 +308,9 @@ class Damper(Load):
 class Friction(Load):
     """Friction at an R pair (hinge): the torque -(torque tanh(v' / speed) + viscous v').
 
-    Here v' is the rate (rad/s) of the variable of the pair. The class attributes declare
-    the load for the reader of mechanism files, and for `components` of the base class,
-    which inserts the fields into `torque_template`.
+    Here v' is the rate (rad/s) of the variable of the pair. `torque_template` is the
+    expression of the torque with names of fields in braces. The method `components`
+    replaces these names by the values of the fields.
 
     Attributes
     ----------

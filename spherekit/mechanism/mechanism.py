@@ -232,8 +232,12 @@ class Mechanism:
     def pole_pairs(self) -> Mapping[tuple[int, int], int]:
         """Indices of the pairs (joints) whose axis or contact line is a pole axis.
 
-        A pole axis is the axis of the relative rotation of two links, which such a pair
-        shows directly. The keys are the indices of its two links, the smaller one first.
+        A pole axis is the axis of the relative rotation of two links. An R pair or a
+        rolling contact gives the pole axis of the two links that it joins, so this axis
+        needs no construction. Other poles are not in this mapping.
+
+        The keys are the indices of the two links, the smaller one first. The values are the
+        indices of the pairs.
         """
         return {
             (min(ends), max(ends)): number

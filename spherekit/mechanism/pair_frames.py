@@ -118,8 +118,8 @@ def pair_frames_from_sizes(
 def axes_from_sizes(sizes: LinkSizes) -> AxesOfLink:
     """Return the unit axes (3,) of a link in link axes, in the order of `sizes.axes`.
 
-    The first axis is z, and the second one is in the half-plane x = 0, y > 0, or y < 0 if
-    the sine of its signed arc is negative. Each axis after the first has an arc (rad), its
+    The first axis is z. The second axis is in the plane x = 0, and its y component is the
+    sine of its arc. An arc may be negative. Each axis after the first has an arc (rad), its
     distance from the first axis. Each axis after the second has an angle (rad), the azimuth
     of its arc about the first axis, counter-clockwise from the arc of the second axis.
     """

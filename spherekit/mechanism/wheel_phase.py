@@ -50,7 +50,8 @@ class Wheel(NamedTuple):
     def from_curve(curve: Curve, start: float = 0.0) -> "Wheel":
         """Return the wheel whose circle is a curve of constant curvature.
 
-        Arc lengths of the wheel are counted from the arc length `start` (rad) of the curve.
+        Arc lengths of the wheel are zero at the point of the curve with the arc length
+        `start` (rad).
         """
         # Tangent, normal and point of the curve where its arc length is zero.
         origin = curve.evaluate(np.zeros(1))

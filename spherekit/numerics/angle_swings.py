@@ -15,15 +15,16 @@ class AngleSwings:
 
     A swing is the difference of the largest and the smallest angle over successive samples,
     with full revolutions counted. Samples at which the angle is unknown divide the samples
-    of a mode into pieces, each with a swing.
+    of a mode into pieces. Each piece has a swing, and the widest one counts.
 
     Attributes
     ----------
     swing
         (n,) the widest swing (rad); NaN if the angle is known at no sample.
     low_sample, high_sample
-        (n,) indices of the samples at which the angle is smallest and largest. If the swing
-        is 0 or NaN, both are the same sample, at which the angle may be unknown.
+        (n,) indices of the samples at which the angle is smallest and largest in the piece
+        with the widest swing. If the swing is 0 or NaN, there are no such two samples. Both
+        indices are then equal, and the angle may be unknown at this sample.
     """
 
     swing: Floats
@@ -46,8 +47,8 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
         mechanism), NaN where a mode cannot be assembled.
     is_closed_path
         Whether the last sample repeats the first one after full revolutions of the inputs.
-        If the two angles are equal up to full revolutions, the first piece continues the
-        last one.
+        If the two angles are equal up to full revolutions, the last piece goes on in the
+        first piece.
 
     Returns
     -------

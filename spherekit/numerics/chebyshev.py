@@ -300,7 +300,8 @@ def _transform_grid_samples(grid_samples: Floats, degree: int, variables: int) -
 
     Returns
     -------
-    (cells, degree + 1, ..., F) coefficients, with one axis of orders per variable.
+    (cells, degree + 1, ..., F) coefficients. Each variable has an axis, along which the
+    order of its Chebyshev polynomial rises from 0 to the degree.
     """
     # Before the transform, each variable has an axis of its nodes.
     cell_count = len(grid_samples)

@@ -40,8 +40,9 @@ def make_local_polynomials(
     -------
     A function that maps a position in the range of the series to the m values.
     """
-    # Rounding errors can prevent a fit to `LOCAL_TOLERANCE`. If halving a cell no longer
-    # helps, an error up to `rounding_tolerance` is accepted.
+    # The fit halves cells until its error is below `LOCAL_TOLERANCE`. Rounding errors can
+    # prevent this. If halving no longer helps, an error up to `rounding_tolerance` is
+    # accepted.
     fine_series = PiecewiseChebyshev.fit(
         function=series.evaluate,
         low=float(series.edges[0]),

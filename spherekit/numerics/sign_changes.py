@@ -227,24 +227,28 @@ class _CellContent:
     """Zeros and doubtful intervals of a function in one cell of its range.
 
     A cell is an interval in which the function is replaced by a polynomial. Positions are
-    scaled so that the cell extends from -1 to 1. A doubtful interval is one in which the
-    function may have two close zeros, or none.
+    scaled so that the cell extends from -1 to 1. A doubtful interval contains an extremum
+    that is zero up to the error of the polynomial. The function may have two close zeros
+    there, or none. `find_sign_changes` halves cells that need it, and collects the zeros
+    and doubtful intervals of all other cells.
 
     Attributes
     ----------
     zeros, slopes
         (k,) positions of sign changes of the polynomial, and its derivatives at them. They
-        include zeros beyond an edge by less than their uncertainty.
+        include zeros beyond an edge of the cell by less than their uncertainty.
     uncertainties
         (k,) estimated distances within which the zeros of the function are.
     doubtful
-        (d, 2) ends of intervals about extrema that may be zero; the whole cell if the
-        polynomial does not fit the function.
+        (d, 2) ends of the doubtful intervals; the whole cell if the polynomial does not fit
+        the function.
     needs_halving
-        Whether the cell should be halved. True if the polynomial does not fit, or if its
-        error hides whether an extremum is zero.
+        Whether polynomials of both halves could show more. True if the polynomial does not
+        fit. Also true if there are doubtful intervals, and the error of the polynomial is
+        larger than rounding errors.
     rounding_error
-        Error of the polynomial if it consists of rounding errors only, otherwise 0.
+        Error of the polynomial if it consists of rounding errors only, otherwise 0. In
+        smaller cells inside this cell, the error is taken to be at least as large.
     """
 
     zeros: Floats

@@ -96,8 +96,8 @@ class Zeros:
 class _EndZero:
     """A zero at an end of the range of a function.
 
-    If the function only touches zero at the end, rounding errors can produce false zeros
-    near it, which are removed.
+    `find_zeros` adds it to the zeros inside the range. Rounding errors can produce false
+    zeros near the end, which are removed.
 
     Attributes
     ----------
@@ -106,7 +106,8 @@ class _EndZero:
     is_double
         Whether the function only touches zero at the end, with a slope of about zero.
     spurious_distance
-        Zeros within this distance from the end are due to rounding, or are the same zero.
+        Other zeros within this distance from the end are removed. They are due to rounding,
+        or they are the zero at the end, found a second time.
     """
 
     position: float
@@ -306,8 +307,8 @@ def _find_end_zero(
     # The two tests below need only the absolute values of slope and curvature.
     parabola = EndParabola(np.abs(slope), np.abs(curvature))
     if not parabola.has_double_zero(floor):
-        # The parabola reaches `floor` at a smaller distance, because a simple zero requires
-        # slope^2 > 2 floor curvature.
+        # The zero is simple, so slope^2 > 2 floor curvature. A parabola for which this is
+        # true reaches the value `floor` within the distance 2 floor / slope.
         return _EndZero(
             position, is_double=False, spurious_distance=2.0 * floor / abs(slope)
         )

@@ -302,8 +302,9 @@ class DyadsWithClosingLink:
         """Return the rate of the residual f for any angular velocity w of the output.
 
         The closure error of the closing link is f = p . q - cos(arc), with the axes p and q
-        of its two pairs (joints). The rate is the fraction ``numerator . w / denominator``.
-        The numerator has the shape (3, n), the denominator (n,).
+        of its two pairs (joints). The link fits while f is 0. The rate is the fraction
+        ``numerator . w / denominator``. The numerator has the shape (3, n), the denominator
+        (n,).
         """
         p, q = self._end_axes(mode)
         # f' = (p x q) . (w_p - w_q) with the angular velocities of the links that carry p

@@ -304,13 +304,14 @@ class _GearedMode:
         wheels. Their angles are linear functions of the inputs, ratios @ inputs + offsets.
         The inputs follow from them.
 
-        A pose gives the angles of the entry pairs only up to whole revolutions, and other
-        revolutions give other inputs. Of those that differ by at most one revolution of
-        each entry pair, the inputs with the smallest sum of absolute values are taken.
+        A pose gives the angles of the entry pairs only up to whole revolutions, and a
+        revolution of an entry pair changes the inputs. One revolution less, none, and one
+        more are tried for each entry pair. The inputs with the smallest sum of absolute
+        values are taken.
         """
         kinematics = self.kinematics
-        # `wheelless_number` is the number of a pair in the mechanism without wheels, by its
-        # number in the whole mechanism.
+        # `wheelless_number` has the numbers of pairs in the mechanism without wheels. Its
+        # keys are their numbers in the whole mechanism.
         entry_angles = [
             self.wheelless_mode.angle(kinematics.wheelless_number[pair])
             for pair in kinematics.entry_pairs

@@ -188,10 +188,10 @@ class FollowedRotation(RotationPath):
     def crossings(self) -> tuple[float, ...]:
         """Angles (rad) at which the inputs do not determine the output (type II).
 
-        Some angles are leaps, where the tracking of the rotation stepped over a singular
-        configuration. The other angles are found where the transmission measure falls to 0.
-        This measure says how well the locked inputs hold the output. All angles are between
-        0 and `reached`, up to which the rotation was tracked.
+        Some angles are leaps: the tracking of the rotation has stepped over a singular
+        configuration there. The other angles are found where the transmission measure falls
+        to 0. This measure says how well the locked inputs hold the output. All angles are
+        between 0 and `reached`, up to which the rotation was tracked.
         """
         # Evaluate the measure on a grid. A value that is not larger than its two neighbours
         # brackets a minimum. Beyond the ends of the grid the measure counts as infinite.
@@ -610,7 +610,7 @@ def follow_to(
         or not max_abs(target @ target.T - np.eye(3)) < UNIT_ORIENTATION_TOLERANCE
     ):
         raise SolveError("the orientation has to be a rotation matrix (3, 3)")
-    # Closing the loops can turn the output link, so it precedes the choice of the axis.
+    # Closing the loops can turn the output link, so the axis is computed afterwards.
     start = _close_start(output_link, start_values, mechanism.name)
     axis, angle = axis_and_angle(start.orientations[0], target)
     return follow_rotation(mechanism, start.values[0], axis, angle, output)

@@ -37,7 +37,8 @@ from spherekit.wording import counted, listing
 class PoseSolutions:
     """All configurations of a mechanism at some poses of its output, or at some inputs.
 
-    Each of the k rows is one configuration. The configurations of a pose follow each other.
+    Each of the k rows is one configuration. The configurations of one pose are in
+    successive rows.
     A dyad is a group of two links that can be placed in two ways, which its sign 1 or -1
     distinguishes.
 
@@ -223,12 +224,15 @@ class DyadConfigurations:
 class ForwardKinematics:
     """The forward kinematics of an output: its poses at given inputs.
 
+    The method `at` returns the poses for mechanisms of dyads (groups of two links). The
+    method `solutions` returns them for any mechanism.
+
     Attributes
     ----------
     mechanism
         The mechanism.
     output
-        The output.
+        The declared output: a link, or a direction in a link, that is observed.
     solver
         Position solver of the mechanism.
 
@@ -358,6 +362,7 @@ class ForwardKinematics:
         configurations = self._evaluate(q, self._modes)
         # Failed samples are NaN, and so are those whose pair variables are not determined.
         is_found = all_finite(configurations.values, 2)
+        # A mode that is out of reach certainly has no configuration at the inputs.
         is_absent = configurations.status == Status.OUT_OF_REACH
         # `T` changes the axes from (modes, n) to (n, modes), so that all modes of one set
         # of inputs follow each other.

@@ -317,11 +317,13 @@ class InverseKinematics:
 
         - A dyad (two links) has the sign 1 or -1 for its two positions.
         - A group without a closed form has the sign 0.
-        - A bar has the sign 1 or -1. It exists only for some outputs that are a direction.
-          The output link can then be at any angle t about this direction. The bar is a link
-          with two axes that fits between its neighbours only at certain angles t. Let c be
-          the cosine of the angle between the two axes of the neighbours to which the bar is
-          joined. The sign is that of the derivative dc/dt at such an angle.
+        - A bar, the last entry, has the sign 1 or -1. Only some mechanisms have a bar.
+
+        If the output is a direction, the output link can turn about it by an angle t. The
+        bar is a link that is joined to its two neighbours by two axes. It fits between them
+        only at certain angles t. The neighbours carry these axes, so the cosine c of the
+        angle between the axes depends on t. The sign of the bar is that of the derivative
+        dc/dt.
         """
         choices = [(1, -1) if group.is_dyad else (0,) for group in self._assembly.groups]
         if self._closing_link is not None:
@@ -584,9 +586,10 @@ class InverseKinematics:
     def solutions(self, poses: ArrayLike) -> PoseSolutions:
         """Return every configuration found at some poses; the mechanism may be of any kind.
 
-        Links are added that hold the output in its pose (virtual links). The remaining
-        links are then placed in groups. Dyads are solved in closed form, other groups by
-        elimination or search, which take milliseconds to seconds for each pose.
+        The output link is held in each pose by virtual links, which are added to the
+        mechanism. The other links are then placed group by group. Dyads are solved in
+        closed form. Other groups are solved by elimination or search, which take
+        milliseconds to seconds for each pose.
 
         Parameters
         ----------

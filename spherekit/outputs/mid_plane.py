@@ -129,26 +129,26 @@ class MidPlane:
     def elbows(self, normals: Floats, modes: ArrayLike) -> tuple[Floats, Floats]:
         """Return the elbows of all legs, the axes in which their two links meet.
 
-        A leg leads from the base to the end effector. Base and end effector mirror each
-        other in the mid-plane, in which all elbows lie.
+        A leg leads from the base to the end effector, and both its links have equal arcs.
+        Base and end effector mirror each other in the mid-plane, in which all elbows lie.
 
         Parameters
         ----------
         normals
-            (n, 3) unit normals of the mid-planes.
+            (m, 3) unit normals of the mid-planes at m poses.
         modes
-            (legs,) or (n, legs) signs, 1 or -1, which choose one of the two elbows that
+            (legs,) or (m, legs) signs, 1 or -1, which choose one of the two elbows that
             each leg can have.
 
         Returns
         -------
         elbows
-            (n, legs, 3) unit vectors, NaN where a leg does not reach the mid-plane. If the
-            arc is a right angle and n is along the base axis, every axis in the mid-plane
-            is an elbow, and the result is meaningless.
+            (m, legs, 3) unit vectors, NaN where a leg does not reach the mid-plane. If the
+            arcs of a leg are right angles and the normal is along its base axis, every axis
+            in the mid-plane is an elbow. The result is then meaningless.
         triple_products
-            (n, legs) numbers n . (base axis x elbow) with the normal n. The signs are those
-            of the modes. The numbers are 0 at the limit of the reach, where both elbows
+            (m, legs) numbers normal . (base axis x elbow). The signs are those of the
+            modes. The numbers are 0 at the limit of the reach, where both elbows
             coincide, and NaN out of reach.
         """
         # The foot of a leg is the point of the mid-plane half-way between both elbows.
@@ -284,7 +284,8 @@ class MidPlane:
 
         For the mechanism of Chen et al. 2021 the modes are the four configurations of Fig.
         5. With the signs (-1, 1) both driven links point away from the middle of the base,
-        Fig. 5(a). A driven link with the opposite sign points towards the middle.
+        Fig. 5(a). If the sign of a leg is reversed, its driven link points towards the
+        middle.
 
         Parameters
         ----------

@@ -459,8 +459,9 @@ class MidPlaneArchitecture:
         """Return the transmission measure (n,): how well locked inputs hold the output.
 
         The measure is 0 at a singularity, where the output can move with locked inputs.
-        Base and output link mirror each other in the mid-plane. If the output declares a
-        direction, a rotation of the output link about this direction does not count.
+        Base and output link mirror each other in the mid-plane. The output of the mechanism
+        can be a direction instead of the orientation of a link. A rotation of the output
+        link about this direction then does not count.
 
         Parameters
         ----------
@@ -489,9 +490,9 @@ class MidPlaneArchitecture:
         values
             (n, pairs) pair variables (rad).
         residuals
-            (n, pairs) angle (rad) between two directions of each pair axis: as carried by
-            the pair's first link, and as carried by its second. It is zero, up to rounding,
-            if the links fit together.
+            (n, pairs) angle (rad) between the axis of each pair in its first link and the
+            axis of the pair in its second link. It is zero, up to rounding, if the links
+            fit together.
         """
         # All joints are R pairs. `revolutes` returns them unchanged, for the type checker.
         joints = revolutes(self.joints)
@@ -740,10 +741,10 @@ def describe_mid_plane(normal: Floats) -> str:
 def _difference_of_equal_lengths(vectors: Floats, reference: Floats) -> Floats:
     """Return differences v - r of unit vectors, as if their lengths were exactly equal.
 
-    Lengths that differ by rounding would change the direction of a small difference. Each
-    vector v is therefore first shortened to the length of r. The lengths are nearly 1, so
-    their difference is half of the difference of their squares, |v|^2 - |r|^2 = (v - r) .
-    (v + r).
+    The caller needs the direction of each difference. Lengths that differ by rounding would
+    change the direction of a small difference. Each vector v is therefore first scaled to
+    the length of r. The lengths are nearly 1, so their difference is half of the difference
+    of their squares, |v|^2 - |r|^2 = (v - r) . (v + r).
 
     Parameters
     ----------
@@ -760,5 +761,5 @@ def _difference_of_equal_lengths(vectors: Floats, reference: Floats) -> Floats:
     # |v|^2 - |r|^2, and from it |v| - |r|; both are (n, 1).
     square_difference = np.sum(difference * (vectors + reference), axis=1, keepdims=True)
     length_difference = 0.5 * square_difference
-    # v less its part that is too long, less r.
+    # v scaled to the length of r, less r.
     return difference - length_difference * vectors

@@ -331,16 +331,18 @@ class _MidPlaneCurveSearch:
         function: Callable[[Floats], Floats],
         signs: Integers,
     ) -> Iterator[CurveSeen]:
-        """Yield the curves on which a function of the mid-plane changes its sign.
+        """Yield the curves of type II, on which a function of the mid-plane is zero.
 
+        Base and output mirror each other in the mid-plane. The function is the determinant
+        of the velocity equations, which is 0 if the output can move while the inputs rest.
         The unit normals of mid-planes are points of a hemisphere, which a mesh of triangles
-        covers. Zeros of the function on the edges of the mesh are computed. Two zeros on
-        edges of the same triangle are joined, and joined zeros form curves.
+        covers. Zeros of the function are computed on the edges where it changes its sign.
+        Two zeros on edges of the same triangle are joined, and joined zeros form curves.
 
         Parameters
         ----------
         function
-            Function of normals (n, 3) with values (n,), NaN where it has none.
+            Function of normals (n, 3) with values (n,), NaN where a leg does not reach.
         signs
             (legs,) signs of the assembly mode, 1 or -1 for each leg.
         """
@@ -366,6 +368,7 @@ class _MidPlaneCurveSearch:
             if is_closed and np.max(np.ptp(normals, axis=0)) <= 8.0 * EPS:
                 # A vertex at which the function is 0 without a change of sign around it.
                 continue
+            # Why the configurations of the curve are singular, as text for users.
             reason = self._find_reason(normals, signs)
             yield self._make_curve(normals, signs, is_closed, reason)
 
@@ -424,9 +427,10 @@ class _MidPlaneCurveSearch:
     def _compute_determinants(self, signs: Integers, normals: Floats) -> Floats:
         """Return the determinants of the velocity equations with locked inputs.
 
-        If such a determinant is 0, the output can move while the inputs rest (type II), or
-        the loops lose their rank. The matrix is the Jacobian of the loop closure without
-        the columns of the driven variables, which is square.
+        The caller searches the curves on which a determinant changes its sign. Where it is
+        0, the output can move while the inputs rest (type II), or the velocity equations of
+        the loops are dependent. The matrix is the Jacobian of the loop closure without the
+        columns of the driven variables. This matrix is square.
 
         Parameters
         ----------
@@ -589,8 +593,9 @@ def _link_zeros(has_zero: Bools, triangle_edges: Indices) -> Indices:
     """
     # The number of the zero of each edge, -1 without one.
     zero_of_edge = np.where(has_zero, np.cumsum(has_zero) - 1, -1)
-    # A curve enters a triangle at one edge and leaves it at another one. Sorted, the three
-    # numbers of such a triangle are -1 and those of two zeros.
+    # An edge has a zero if the function has different signs at its ends. Around a triangle
+    # the sign changes twice or never, so a curve that enters also leaves. The sorted
+    # numbers of a triangle with a curve are -1 and those of its two zeros.
     triangle_zeros = np.sort(zero_of_edge[triangle_edges], axis=1)
     has_two_zeros = np.sum(triangle_zeros >= 0, axis=1) == 2
     return triangle_zeros[has_two_zeros, 1:]

@@ -764,7 +764,8 @@ def _make_disc_samples(count: int) -> Floats:
     """Return points (count, 2) spread evenly in the unit disc, the innermost first.
 
     Successive points differ by the golden angle in azimuth, like the seeds of a sunflower.
-    The radii give every point the same area.
+    The radii grow so that every point stands for the same area. The search for the nearest
+    pose that can be reached tries poses at these points.
     """
     index = np.arange(count)
     radius = np.sqrt((index + 0.5) / count)
@@ -777,7 +778,8 @@ def _make_ball_samples(count: int) -> Floats:
 
     The directions of the points come from a sequence of evenly spread points in two
     dimensions (additive recurrence of M. Roberts), with the real root of x^3 = x + 1 as its
-    constant. The radii grow so that every point stands for the same volume.
+    constant. The radii grow so that every point stands for the same volume. The search for
+    the nearest pose that can be reached tries poses at these points.
     """
     root = 1.324717957244746
     index = np.arange(count)

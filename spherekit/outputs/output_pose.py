@@ -222,11 +222,12 @@ class PoseFinder:
     def candidates(self, pose: Pose) -> PoseCandidates:
         """Return every configuration found at a pose, in all assembly modes.
 
-        In a mid-plane symmetric architecture (`form`), base and output mirror each other in
-        a plane. Only configurations with this symmetry are then returned, in closed form,
-        and a pose can also be stated by two angles of this plane. For other mechanisms,
-        position analysis finds the configurations if the pose is stated by inputs. For
-        other poses inverse kinematics is used. Joint limits are not examined.
+        In a mid-plane symmetric architecture (`form`), base and output are mirror images of
+        each other about a plane, the mid-plane. Then only configurations with this symmetry
+        are returned, in closed form. The pose can also be stated by two angles of the
+        mid-plane. For other mechanisms, position analysis finds the configurations if the
+        pose is stated by inputs, and otherwise inverse kinematics. Joint limits are not
+        examined.
 
         Parameters
         ----------
@@ -338,8 +339,9 @@ class PoseFinder:
             If the output takes the other kind of pose, or does not reach it.
         """
         kinematics = InverseKinematics(self.mechanism, self.output.name)
-        # Inverse kinematics adds virtual links that hold the output (`wrist`). `points` is
-        # true if the output takes a direction, false if it takes an orientation.
+        # Inverse kinematics adds virtual links, which prescribe the pose of the output, to
+        # the mechanism. The result is `wrist`. Its `points` is true if the output takes a
+        # direction, false if it takes an orientation.
         takes_direction = kinematics.wrist.points
         if takes_direction != is_direction:
             names = ("an orientation", "a direction")
@@ -596,10 +598,10 @@ class PoseFinder:
         fixed axis. It is followed numerically, step by step.
 
         In a mid-plane symmetric architecture, the output link is a mirror image of the base
-        in a plane, the mid-plane. If it stays one during the whole rotation, the start may
-        be singular, because formulas give a configuration shortly before it. This is the
-        case if the axis lies in the mid-plane at the start. In all other cases the start
-        must not be singular.
+        in a plane, the mid-plane. If the axis lies in the mid-plane at the start, the link
+        stays a mirror image during the whole rotation. The start may then be singular,
+        because the path can begin at a configuration shortly before it, which formulas
+        give. In all other cases the start must not be singular.
 
         Parameters
         ----------
@@ -695,8 +697,9 @@ def _rotate_in_mid_plane(
 
     The result has the configurations of the whole mechanism while the output link rotates.
     Base and output link mirror each other in the mid-plane. If the axis is in this plane,
-    all poses of the rotation are such mirror images. The start may then be singular,
-    because formulas give a configuration shortly before it.
+    they do so in all poses of the rotation, and formulas give the configurations. A path
+    cannot begin at a singular configuration. With a singular start, the path therefore
+    begins shortly before the start, at a configuration that the formulas give.
 
     Parameters
     ----------
@@ -732,10 +735,13 @@ def _rotate_to_mirror_image(
 ) -> FollowedRotation | None:
     """Return the rotation to a mirror image of the base, None if the end is no such image.
 
-    The result has the configurations of the whole mechanism while the output link rotates.
-    At the start, the output link is the mirror image of the base in a plane. If the output
-    link is a mirror image at the end as well, the start may be singular, because formulas
-    give a configuration shortly before it.
+    The output link rotates about a fixed axis from its start to its end. The result has
+    the configurations of the whole mechanism during this rotation.
+
+    At the start, the output link is the mirror image of the base in a plane. If it is one
+    at the end as well, formulas give the configurations of the mechanism. A path cannot
+    begin at a singular configuration. With a singular start, the path therefore begins
+    shortly before the start, at a configuration that the formulas give.
 
     Parameters
     ----------

@@ -304,9 +304,9 @@ def find_least_margin(
 
 
 def measure_joint_margins(mechanism: Mechanism, values: Floats) -> tuple[Names, Floats]:
-    """Return how much is left to each joint limit of a mechanism in n configurations.
+    """Return how far n configurations of a mechanism are from each of its joint limits.
 
-    This is for configurations that were not computed in closed form.
+    The caller marks a configuration with a negative margin as out of reach.
 
     Parameters
     ----------
@@ -318,7 +318,8 @@ def measure_joint_margins(mechanism: Mechanism, values: Floats) -> tuple[Names, 
     Returns
     -------
     names
-        Names of the limits, without those of a whole turn, which every angle keeps.
+        Names of the limits. A limit whose range is a whole turn is left out, since every
+        angle is within it.
     margins
         (n, limits) angle (rad) to each limit, negative beyond it; NaN if a variable is NaN.
     """
@@ -504,9 +505,9 @@ def _is_always_kept(
 ) -> bool:
     """Return whether the angle between two pair axes is in its range in every pose.
 
-    This is so if both axes are on one link: the angle between them is constant. If this
-    angle is not in the range, no pose keeps the limit, and an error is raised. In other
-    cases the angle depends on the pose.
+    This is so if both axes are on one link: the angle between them is constant, and the
+    caller needs no limit of the poses. If this angle is not in the range, no pose keeps the
+    limit, and an error is raised. In other cases the angle depends on the pose.
 
     Parameters
     ----------
@@ -539,8 +540,8 @@ def _is_always_kept(
         axis = axis_in(mechanism, joints, pair, link)
         other_axis = axis_in(mechanism, joints, other_pair, link)
         angle = arc(axis, other_axis)
-        # COLLINEAR_SINE is so small that the sine equals its angle (rad). This angle is the
-        # tolerance for rounding errors.
+        # The tolerance (rad) allows for rounding errors. COLLINEAR_SINE is the sine of an
+        # angle so small that the angle has the same value.
         tolerance = COLLINEAR_SINE
         if not limit.low - tolerance <= angle <= limit.high + tolerance:
             raise _error(

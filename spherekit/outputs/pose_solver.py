@@ -43,8 +43,8 @@ def output_kinematics(
     3. Otherwise the output is held in each pose, and the position solver places all links
        group by group.
 
-    If there are not two or three inputs, only poses can be computed from given inputs, and
-    no inputs from a given pose.
+    If there are not two or three inputs, no inputs can be computed from a given pose. The
+    result then computes only poses from given inputs.
 
     Parameters
     ----------
@@ -59,11 +59,12 @@ def output_kinematics(
     ModelError
         If the output is unknown.
     PlanError
-        If the output link by itself cannot take every direction (or orientation), or if the
-        mechanism does not have as many degrees of freedom as inputs.
+        If the direction (or orientation) of the output link cannot be prescribed freely, or
+        if the mechanism does not have as many degrees of freedom as inputs.
     """
     # A pose has two coordinates (direction) or three (orientation). A pose determines the
-    # inputs only if their number is the same.
+    # inputs only if their number is the same. Otherwise poses are orientations (`points` is
+    # False).
     if len(mechanism.inputs) not in COORDINATES:
         return OutputKinematics(mechanism, chosen_output(mechanism, output), points=False)
     inverse = InverseKinematics(mechanism, output)
@@ -91,7 +92,7 @@ def closed_kinematics(mechanism: Mechanism, output: str | None = None) -> Closed
     Raises
     ------
     ModelError, PlanError
-        If the output is unknown or cannot take every pose.
+        If the output is unknown, or if its pose cannot be prescribed freely.
     SolveError
         If the mechanism has no closed form.
     """
@@ -103,6 +104,8 @@ def closed_kinematics(mechanism: Mechanism, output: str | None = None) -> Closed
 
 def _find_special_form(inverse: InverseKinematics) -> ClosedKinematics:
     """Return the closed form of an output in a mechanism of a special kind.
+
+    `output_kinematics` takes the position solver instead if there is no closed form.
 
     Two special kinds of mechanisms are tried in this order:
 

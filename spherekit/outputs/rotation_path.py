@@ -269,14 +269,23 @@ class TrackedPath:
 def _measure_conditioning(deviation: TargetDeviation) -> Floats:
     """Return how well the loops and the output orientation determine each configuration.
 
+    The path ends, or steps over a configuration, where these numbers are near 0.
+
+    Parameters
+    ----------
+    deviation
+        n configurations with their deviations from a target orientation. The matrices
+        `system` give the rates of the loop equations and the angular velocity of the output
+        link from the rates of the variables.
+
     Returns
     -------
-    (n,) reciprocal condition numbers, with Frobenius norms, of the matrix that gives the
-    loop equations and the angular velocity of the output link from the rates of the
-    variables. They are 0 if a motion of the mechanism does not turn the output link.
+    (n,) reciprocal condition numbers of `system`, with Frobenius norms. They are 0 if a
+    motion of the mechanism does not turn the output link.
     """
-    # The pseudo-inverse of `deviation` leaves out vanishing singular values, which count
-    # here. The Frobenius norm is the norm of all singular values.
+    # The Frobenius norm of a matrix is the norm of its singular values. That of the inverse
+    # is the norm of their reciprocals. A singular value of 0 gives an infinite norm and the
+    # result 0. `deviation` has a pseudo-inverse too, but without small singular values.
     singular_values = np.linalg.svd(np.nan_to_num(deviation.system), compute_uv=False)
     norm = np.linalg.norm(singular_values, axis=1)
     with np.errstate(divide="ignore", over="ignore"):
@@ -387,7 +396,7 @@ class RotationPath:
         has_rates = all_finite(rates.first, 1)
         # At the nearest configuration the loops are closed. The output link has the
         # orientation of the target if it can reach the target (`exact`), and the least
-        # angle to the target if not. `error` (rad) is the deviation from these conditions.
+        # angle to the target if not. `error` (rad) is 0 at such a configuration.
         is_nearest = deviation.error(self.exact) < NEAREST_TOLERANCE_RAD
         return PathNodes(
             theta=theta,
@@ -405,8 +414,9 @@ class RotationPath:
             condition=_measure_conditioning(deviation),
             # Positive if no other configuration nearby is as near to the target.
             stability=_measure_isolation(deviation),
-            # The smallest angular velocity of the output link for rates of the variables
-            # of unit length. It is 0 at a limit of the reach of the link.
+            # The smallest angular velocity of the output link in motions with closed loops,
+            # if the vector of the rates of the variables has unit length. It is 0 at a
+            # limit of the reach of the link.
             reach=deviation.output_singular_value,
         )
 

@@ -440,8 +440,8 @@ def schedule_limits(
 ) -> tuple[Law, Floats]:
     """Return the law and the limits of a schedule, after checking the arguments.
 
-    A law shape states which fraction of the rotation is reached after each fraction of its
-    duration.
+    A schedule is the angle of a rotation as a function of time. Its law shape states which
+    fraction of the rotation is reached after each fraction of its duration.
 
     Parameters
     ----------
@@ -453,12 +453,13 @@ def schedule_limits(
     shape
         Name of a law shape, or a law from 0 at t = 0 to 1 at t = 1.
     cycle
-        Cycle time (s) of the controller, or None.
+        Cycle time (s) of the controller, or None. It is only checked.
 
     Raises
     ------
     SolveError
-        If a limit or the cycle time is not positive, or if the shape is no such law.
+        If a limit or the cycle time is not positive, if no law shape has this name, or if
+        the law does not lead from 0 to 1.
 
     Returns
     -------
@@ -521,7 +522,9 @@ def _check_shape(shape: str | Law) -> Law:
 def _find_largest(functions: PiecewiseChebyshev, column: int) -> float:
     """Return the position at which one of several functions has its largest absolute value.
 
-    The functions are polynomials in cells (piecewise Chebyshev interpolants). Candidates
+    The functions are the speeds and accelerations of the inputs during a rotation. The
+    caller then computes the largest value itself, more accurately. The functions are
+    polynomials in cells (piecewise Chebyshev interpolants). Candidates
     for the position are the zeros of the derivative, and the edges of the cells, where the
     derivative can jump.
 

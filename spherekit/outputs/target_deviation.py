@@ -153,8 +153,8 @@ class JacobianSplit:
 class TargetRates:
     """Derivatives of n configurations with respect to the angle theta of a target.
 
-    The target is an orientation that turns about an axis by the angle theta. Each
-    configuration is the one nearest to the target.
+    The target is an orientation that turns about an axis by the angle theta. In each
+    configuration, the angle between the output link and the target is as small as possible.
 
     Attributes
     ----------
@@ -162,7 +162,8 @@ class TargetRates:
         (n, variables) first and second derivatives of the pair variables with respect to
         theta.
     follows
-        (n,) whether the output link is on the target and turns exactly with it.
+        (n,) whether the output link has the orientation of the target and turns exactly
+        with it.
     """
 
     first: Floats

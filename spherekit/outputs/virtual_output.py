@@ -39,11 +39,11 @@ COORDINATES = (2, 3)
 class VirtualOutputChain:
     """A mechanism with two virtual links, which prescribe the pose of one of its outputs.
 
-    The virtual links serve for inverse kinematics. Two virtual links and three R pairs in
-    series lead to the output link, from the link relative to which the output is observed.
-    The angles of these pairs are the coordinates of the pose, and become the inputs. If the
-    output is an orientation, all three are driven. If it is a direction, the third pair
-    turns freely about this direction.
+    The virtual links serve for inverse kinematics. The output is observed from another
+    link, the base. Two virtual links and three R pairs (revolute joints) in series lead
+    from the base to the output link. The angles of these pairs are the coordinates of the
+    pose, and become the inputs. If the output is an orientation, all three are driven. If
+    it is a direction, the third pair turns freely about this direction.
 
     The inputs of the original mechanism are no longer driven. The position analysis of the
     extended mechanism therefore gives their values for a pose. The numbers of virtual links
@@ -53,8 +53,8 @@ class VirtualOutputChain:
     ----------
     mechanism
         The mechanism with the virtual links. Its inputs are the coordinates of the output:
-        a, b, c of the orientation R = Z(a) Y(b) Z(c) of the output link, from its axes to
-        those of the other link, or azimuth and tilt of a pointing direction.
+        azimuth and tilt of a pointing direction, or the angles a, b, c of an orientation R
+        = Z(a) Y(b) Z(c). R rotates from the axes of the output link to those of the base.
     output
         The output.
     driven
@@ -178,9 +178,18 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
 def _suggest_direct_drive(mechanism: Mechanism, output: Output, input_count: int) -> str:
     """Return advice for a mechanism whose output could be driven directly at one pair.
 
-    The advice is part of an error message for one input. It names the pair (joint) between
-    the two links of the output. The text is empty if there is no such pair, or if it
-    is the input already.
+    The advice is the end of an error message for a mechanism with one input. It names the
+    pair (joint) between the two links of the output. The text is empty if no pair joins
+    these links, or if the pair is the input already.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    output
+        The output, a link and the link relative to which it moves.
+    input_count
+        Number of inputs of the mechanism. The text is empty if it is not 1.
     """
     output_links = {output.link, output.relative_to}
     for pair in mechanism.pairs:

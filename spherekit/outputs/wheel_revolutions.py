@@ -191,12 +191,13 @@ def _combine_equivalent_lengths(
 
 
 def _can_be_rolled(gear_phases: GearPhases, lengths: Floats) -> Bools:
-    """Return whether there are inputs at which wheels have rolled certain lengths.
+    """Return whether there are inputs at which wheels have rolled the given lengths.
 
     A rolled length is the arc (rad) that one wheel has rolled on another. The lengths are
     linear functions of the inputs: reference lengths plus ratios @ (change of the inputs).
     The reference lengths are the lengths at one value of the inputs. They say which teeth
-    of the wheels mesh.
+    of the wheels mesh. Lengths that belong to no inputs would mean that other teeth mesh,
+    so the caller discards them.
 
     A change of the lengths is possible if it is in the range (column space) of the matrix
     `ratios`: then the projection onto this range does not alter it.

@@ -240,11 +240,12 @@ def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result
     """Decorate a method of `WorkingMode` so that several modes share its results.
 
     A working mode is a sign for each dyad (two links), which chooses one of two ways to
-    place it. Many quantities depend on the signs of some dyads only. Such quantities are
+    place it. Many quantities depend on the signs of some dyads only. Such a quantity is
     computed once for all modes of the same poses in which these signs are equal.
 
-    The arguments of the method must be hashable. In all modes, the method must read the
-    signs of the same dyads.
+    When the method is computed for the first time, `find_or_compute` records the dyads
+    whose signs it reads. It must therefore read the signs of the same dyads in all modes.
+    The arguments of the method must be hashable.
     """
 
     @wraps(method)
@@ -935,22 +936,28 @@ class WorkingMode:
         The search for the border of a workspace needs a value that changes its sign at the
         border. The squared speed of the output per unit rate of an input is positive within
         the reach and 0 at the limit of the reach. This function returns the negative values
-        that continue the square beyond this limit. The result is 0 where the dyad of the
-        input reaches the pose, or where its outer axes are unknown.
+        that continue the square beyond this limit.
 
-        A dyad is two links between two others, with three pair axes a, b and c. Its near
-        link has the axes a and b, its far link b and c. Let the dyad join the base to the
-        output link, and let the input be the pair at a. The angular velocity w of the
-        output is the sum of the axes times the rates of their pairs. Let v = b x c, which
-        is perpendicular to b and c. If the input has unit rate, then v . w = v . a = t,
-        with the triple product t of the three axes. The length of v is sin(arc) with the
-        arc of the far link. So the speed of the output along v is |t| / sin(arc). If the
-        input is at c, the result is the same with a and c exchanged.
+        The input is a pair of a dyad: two links between two others, with three pair axes a,
+        b and c. The near link of the dyad has the axes a and b, the far link b and c. A
+        pose (orientation of the output) is within reach if the dyad can be assembled. There
+        the result is 0, and also where the outer axes a and c are unknown.
+
+        First let the dyad join the base to the output link, with the input at a.
+
+        - The angular velocity w of the output is the sum of the axes times the rates of
+          their pairs.
+        - The vector v = b x c is perpendicular to b and c. If the input has unit rate, then
+          v . w = v . a = t, with the triple product t of the three axes.
+        - The length of v is sin(arc), with the arc of the far link. So the speed of the
+          output along v is |t| / sin(arc).
+
+        If the input is at c, the result is the same with a and c exchanged. For an input at
+        b, and in dyads that join other links, the speed is not exactly this quotient. But
+        it becomes 0 where t does, so the quotient is used in all cases.
 
         The square of t follows from the three angles between the axes. By this formula it
-        becomes negative smoothly out of reach. In other dyads, and for an input at b, the
-        speed is not exactly this quotient, but becomes 0 where t does. The quotient is used
-        for all dyads.
+        becomes negative smoothly out of reach.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
@@ -1014,7 +1021,8 @@ def _angle_about_axis(axis: Floats, first: LinkVector, second: LinkVector) -> Sc
     axis
         (3, n) axis of the pair in base axes, a unit vector.
     first, second
-        A vector fixed in each link of the pair. In their pair frames, z is along this axis.
+        A vector fixed in each link of the pair. Its pair frame has its z axis along the
+        axis of the pair.
     """
     _, _, first_along_axis = first.in_pair_frame
     _, _, second_along_axis = second.in_pair_frame
@@ -1029,8 +1037,9 @@ def _angle_about_axis(axis: Floats, first: LinkVector, second: LinkVector) -> Sc
 def _angle_at_zero(first: LinkVector, second: LinkVector) -> ScaledAngle:
     """Return the angle about a pair axis between two vectors, where the pair variable is 0.
 
-    This angle is subtracted from the angle at other positions. Each link has a frame of the
-    pair, with z along its axis. If the variable is 0, both frames coincide. The x and y
+    The variable at another position is the angle there minus this angle. A frame of the
+    pair is fixed in each of its two links, with z along the axis of the pair. If the
+    variable is 0, both frames coincide. The x and y
     components of both vectors then form two vectors p and q in one plane, and the angle is
     the one from p to q.
 
@@ -1049,10 +1058,11 @@ def _angle_at_zero(first: LinkVector, second: LinkVector) -> ScaledAngle:
 def _eliminate_turn(
     input_rate: RateFraction, closing_link: ClosingLinkState
 ) -> RateFraction:
-    """Return the rate of an input while the closing link determines the turn.
+    """Return the rate of an input if a closing link determines the turn of the output.
 
-    An output that points in a direction d can turn about this direction. In some mechanisms
-    a closing link joins two links that are placed already. This link fits at one turn only.
+    The output link has to point in a direction d. The turn is its rotation about d. In some
+    mechanisms a closing link joins two links that are placed already, and fits only at a
+    certain turn. The component of w along d then has no influence on the result.
 
     Parameters
     ----------

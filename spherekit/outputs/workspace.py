@@ -154,10 +154,11 @@ def judge(
     the angle that is left to the nearest of all limits. The measures of singularities are 0
     at a singularity and positive elsewhere:
 
-    - Type I: each input has a least angular speed of the output per unit rate of this
-      input, for any rates of the other inputs. The measure is the smallest of all inputs.
-    - Type II: a number from 0, where the output can move although all inputs are locked,
-      to 1.
+    - Type I: the least angular speed of the output while one input has the rate 1 and the
+      other inputs have any rates. The input with the smallest value counts. At the
+      singularity, this input can move while the output rests.
+    - Type II: a number of at most 1. At the singularity, the output can move although all
+      inputs are locked.
 
     Parameters
     ----------

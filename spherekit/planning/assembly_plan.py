@@ -29,6 +29,9 @@ from spherekit.wording import listing
 def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
     """Return the indices of the driven pairs, which are the inputs of a mechanism.
 
+    An input must be an R pair (revolute joint). In a contact pair, two links touch along
+    curves.
+
     Raises
     ------
     PlanError

@@ -27,7 +27,8 @@ class CommonAxis(NamedTuple):
         Lowest index of an R pair about this axis.
     is_exact
         Whether, in each link, all R pairs about this axis have exactly equal or opposite
-        axis vectors. Otherwise some vectors differ by rounding errors.
+        axis vectors. Otherwise some vectors differ by rounding errors, and the poles along
+        this axis get larger error bounds.
     """
 
     links: frozenset[int]

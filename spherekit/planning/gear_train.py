@@ -67,11 +67,12 @@ class GearTrain(NamedTuple):
     lengths
         (contacts,) rolled lengths (rad) of the contacts at inputs of zero.
     wheel_lengths
-        (contacts, 2) arc lengths (rad) along the circles of both wheels to the point where
-        they touch if the variables of all R pairs are zero, with whole turns. Lengths are
-        measured from the point of each circle that touches when the rolled length is zero,
-        and tell which teeth mesh. NaN if a reference pose determines `offsets` and
-        `lengths`.
+        (contacts, 2) arc lengths (rad) along the circles of both wheels. Each length leads
+        from the start to the end of an arc, and includes whole turns. At the start of both
+        arcs, the wheels touch when the rolled length is zero. At their end, the wheels
+        touch when the variables of all R pairs are zero. So the lengths tell which teeth
+        mesh. A reference pose determines `offsets` and `lengths` directly. With such a
+        pose, these arc lengths are not computed and are NaN.
     """
 
     followers: tuple[int, ...]
@@ -420,10 +421,13 @@ def _solve_angles_of_equal_lengths(
 ) -> Floats:
     """Return the follower angles at which both wheels of contacts have rolled equally.
 
-    Followers are pairs that turn with the wheels. Two wheels that have rolled on each other
-    have rolled by the same arc length. `wheel_lengths` has both lengths at follower angles
-    of zero, where they differ. At the angles a, their difference is smaller by F a, with
-    constant factors F. So F a has to be the difference at angles of zero.
+    Followers are pairs that turn with the wheels. The result is their angles at inputs of
+    zero, from which the caller computes the constants of the train.
+
+    Two wheels that have rolled on each other have rolled by the same arc length.
+    `wheel_lengths` has both lengths at follower angles of zero, where they differ. At
+    follower angles a, their difference is smaller by F a, with constant factors F. So F a
+    has to be the difference at angles of zero.
 
     Parameters
     ----------
@@ -445,34 +449,34 @@ def _fit_contact_to_angles(
 ) -> Floats | None:
     """Return the arc lengths along two circles to their contact, including whole turns.
 
-    The lengths are those at wheel angles of zero. Which teeth touch is not known, so the
-    lengths are known only up to whole turns. The angles f and g of the wheels follow from
-    other contacts. If the wheels turn by these angles, their point of contact moves back by
-    sin(r) f along the first circle and by sin(s) g along the second. What remains on each
-    circle is the rolled length, which must be equal on both circles. If several turns fit,
-    those with the smallest rolled length are chosen.
+    The circles belong to two wheels with the angular radii r and s. L and M are the arc
+    lengths to the point of contact at wheel angles of zero. Which teeth touch is not known,
+    so L and M are known only up to whole turns. Other contacts determine the angles f and g
+    by which the wheels turn. These rotations reduce the arc lengths to the rolled lengths
+    L - sin(r) f and M - sin(s) g. Two wheels roll by equal lengths, so the turns have to
+    make these equal. If several turns fit, those with the smallest rolled length are
+    chosen.
 
     Parameters
     ----------
     wheel_lengths
-        (2,) arc lengths (rad) of both wheels at angles of zero, without turns.
+        (2,) arc lengths L and M (rad), without whole turns.
     circumferences
-        (2,) arc lengths of whole turns.
+        (2,) arc lengths (rad) of a whole turn on each circle.
     difference
-        The first length minus the second (rad) that makes the rolled lengths equal:
-        sin(r) f - sin(s) g.
+        Required L - M (rad), which is sin(r) f - sin(s) g.
     first_angle_length
-        The length sin(r) f (rad) of the first wheel.
+        The arc length sin(r) f (rad).
 
     Returns
     -------
-    (2,) the lengths with whole turns; None if no turns fit.
+    (2,) the arc lengths L and M with whole turns; None if no turns fit.
     """
     fitting_lengths = _find_fitting_lengths(wheel_lengths, circumferences, difference)
     if not len(fitting_lengths):
         return None
-    # The rolled lengths, which are equal on both circles: (n, 1) for n combinations of
-    # turns and this one contact.
+    # The rolled lengths (n, 1) for n combinations of turns and one contact. They are equal
+    # on both circles, so the first circle is enough.
     rolled_lengths = fitting_lengths[:, :1] - first_angle_length
     return fitting_lengths[index_of_least_rolled(rolled_lengths)]
 

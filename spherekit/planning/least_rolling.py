@@ -203,10 +203,10 @@ def _list_turn_counts(circle_count: int) -> Integers | None:
 def index_of_least_rolled(rolled: Floats) -> np.intp:
     """Return the index of the assembly in which wheels have rolled least.
 
-    Assemblies have different teeth in contact. The chosen one has the smallest sum of
-    absolute rolled lengths. Among equal sums, the assembly with the largest signed length
-    of the first contact is chosen, then of the second, and so on. This second rule is
-    arbitrary, but always gives the same choice.
+    The assemblies of a gear train differ in the teeth that touch. The chosen one has the
+    smallest sum of absolute rolled lengths. Among equal sums, the assembly with the largest
+    signed length of the first contact is chosen, then of the second, and so on. This second
+    rule is arbitrary, but always gives the same choice.
 
     Parameters
     ----------

@@ -95,7 +95,7 @@ class LinePole:
 
     @property
     def case(self) -> str:
-        """The letter of the kinds of lines that determine the pole.
+        """The letter a, b or c, which says what kinds of great circles determine the pole.
 
         A pole is the axis of the relative rotation of two bodies. There are two kinds of
         lines through a pole on the sphere: great circles through two other poles, and great
@@ -154,7 +154,7 @@ class BlockPoles:
     method
         How the part is solved, in words.
     opening
-        The opening pole. None if nothing is known about such steps.
+        The opening pole. None if no opening pole was chosen.
     steps_from_opening
         The steps for display: one for each pole that would follow from the opening pole, in
         order. The first pass of these steps has the number `pass_number` + 1.
@@ -170,12 +170,13 @@ class BlockPoles:
 
     @cached_property
     def pass_numbers(self) -> dict[Pole, int]:
-        """For each pole of the part, the number of the pass that finds it, for display.
+        """For each pole of the part, the number of the pass that a display states for it.
 
         A pole is the axis of the relative rotation of two bodies. A pass is one round of
-        the search for poles. All poles of the part are solved together. The display tells
-        in which pass a pole would be found if one of them, the opening pole, were known.
-        The opening pole and poles that would not follow have the pass of the whole part.
+        the search for poles. All poles of the part are solved together in one pass,
+        `pass_number`. A display states instead the later pass in which a pole would be
+        found if one pole, the opening pole, were known. The opening pole, and poles that
+        would not follow from it, have the number `pass_number`.
         """
         pass_by_step = {step.pole: step.pass_number for step in self.steps_from_opening}
         numbers = {}
@@ -185,7 +186,7 @@ class BlockPoles:
 
     @property
     def last_pass_number(self) -> int:
-        """The number of the last pass that finds a pole of the part."""
+        """The largest number in `pass_numbers`."""
         later_passes = [step.pass_number for step in self.steps_from_opening]
         return max(later_passes, default=self.pass_number)
 
@@ -201,6 +202,9 @@ class Plan:
     A pole is the axis of the relative rotation of two bodies. If there are several inputs,
     the others are locked. Links that cannot move relative to each other then form one body.
     The number of a body is the smallest index of its links.
+
+    A step finds one pole, as the line of a pair or as the intersection of great circles.
+    It can also find several poles together, from the velocity equations.
 
     Attributes
     ----------
@@ -235,23 +239,28 @@ class Plan:
     def _repr_html_(self) -> str:
         """Return the table of poles as HTML for notebooks, with the meaning of its marks.
 
-        A pole is the axis of the relative rotation of two bodies. A pass is a round of the
-        search in which poles follow from those of earlier rounds.
+        A pole is the axis of the relative rotation of two bodies. If it is the axis or the
+        contact line of a pair that joins both bodies, it is known at first. The other poles
+        are found in passes: rounds of the search in which poles follow from those of
+        earlier rounds. The mark of a pole is the Roman numeral of its pass, or
+        `PRIMARY_MARK` if it is known at first.
         """
         titles, *rows = titled_rows(self)
         moving_input = self.mechanism.pairs[self.input].name
         meanings = [f"{PRIMARY_MARK}: axis of a pair"]
         last_pass = max(self.pass_numbers.values(), default=0)
         if last_pass:
-            passes = roman_numeral(1)
+            numerals = roman_numeral(1)
             if last_pass > 1:
-                passes += f" to {roman_numeral(last_pass)}"
+                numerals += f" to {roman_numeral(last_pass)}"
             meaning = "pass that finds the pole as the intersection of great circles"
-            # After pass 0, a pole that comes from pairs is an axis of several pairs.
+            # `PrimaryPole` has the pass number 0 if a pair joins both bodies. Otherwise the
+            # bodies are joined by several pairs in series with a common axis, which is the
+            # pole.
             pair_steps = [step for step in self.steps if isinstance(step, PrimaryPole)]
             if any(step.pass_number > 0 for step in pair_steps):
                 meaning += " or as the common axis of several pairs"
-            meanings.append(f"{passes}: {meaning}")
+            meanings.append(f"{numerals}: {meaning}")
         if self.blocks:
             meanings.append("*: solved together with others from the velocity equations")
         return html_table(
@@ -295,12 +304,11 @@ class Plan:
 
         A pole is the axis of the relative rotation of two bodies. Here several pairs in
         series join the bodies. Their axes should be one line, but the numbers of the
-        mechanism file are rounded, so the axes differ a little. Such poles therefore get
-        larger error bounds.
-
-        A step of the plan says how one pole is found. Each line is represented by one of
-        its pairs, both in `rounded_axes` and in the steps.
+        mechanism file are rounded, so the axes differ a little. The error bounds of these
+        poles are therefore increased.
         """
+        # A step of the plan says how one pole is found. The step of a common axis contains
+        # one of the pairs about it. The set `rounded_axes` contains the same pair.
         return frozenset(
             step.pole
             for step in self.steps
@@ -397,8 +405,8 @@ def ordered_pole(
     """Return the indices of two links, of which the first moves relative to the second.
 
     A pole is the axis of the relative rotation of two links. A `Pole` has the smaller
-    number first. Here the order of the argument is returned, because it decides about the
-    sense.
+    number first. Here the links are returned in the order of the argument, because the
+    relative angular velocity changes its sign if the links are exchanged.
 
     Parameters
     ----------
@@ -434,6 +442,7 @@ def ordered_pole(
     smaller, larger = parse_pole(mechanism, pole)
     smaller_name = names[smaller]
     larger_name = names[larger]
+    # Without a slash, names such as "1" and "11" give the same text in both orders.
     if pole == smaller_name + larger_name == larger_name + smaller_name:
         raise PlanError(
             f'{mechanism.name}: "{pole}" could mean {smaller_name}/{larger_name} or '

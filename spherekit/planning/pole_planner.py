@@ -261,8 +261,8 @@ def _choose_cheapest_lines(
     one: the great circle through the contact point at right angles to both profiles.
 
     The cost of a circle is the number of poles that have to be computed for it. Each circle
-    is rated by itself, even if two circles share such poles. If several third bodies give
-    the same circle, only the cheapest of them counts.
+    is rated by itself, even if two circles need the same poles. If several third bodies
+    give the same circle, only the cheapest of them counts.
 
     Parameters
     ----------
@@ -329,9 +329,11 @@ def _prune_block(block: BlockPoles, requested: tuple[Pole, ...]) -> BlockPoles:
 
     A pole is the axis of the relative rotation of two bodies. A block is a part of the
     mechanism whose poles can only be computed together. For display only, the block also
-    has steps: if one pole, the opening pole, were known, each step would give another pole.
-    Steps that lead to no requested pole are removed. The remaining steps may use poles of
-    earlier passes that the plan no longer contains.
+    has a list of steps. It shows how its poles would follow one by one if one of them, the
+    opening pole, were known. Steps that lead to no requested pole are removed.
+
+    A remaining step may name a pole that was found before the block. The pruned plan can
+    lack this pole, because the computation of the block does not need it.
     """
     # The steps are examined backwards, so that a step comes after all steps that need it.
     needed_poles = set(requested)

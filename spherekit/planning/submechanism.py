@@ -183,10 +183,11 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
 
 
 def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
-    """Return the mechanism of some of its pairs and of the links that they join.
+    """Return a mechanism with only some of the pairs and the links that they join.
 
     Outputs, masses, loads, joint limits and named assembly modes stay if all links and
-    pairs to which they refer stay. The ground always stays.
+    pairs to which they refer stay. The ground always stays. The callers analyse the smaller
+    mechanism in place of the whole one.
 
     Parameters
     ----------

@@ -226,6 +226,10 @@ class UnwrappedStretch:
     def _compare_with_curve(self, inputs: Floats, values: Floats) -> CurveDistance:
         """Compare the pair angles of configurations with those of the followed curve.
 
+        The curve is a part of an assembly mode, with continuous angles. The result serves
+        to make the angles of the configurations continuous, and to recognise configurations
+        of other modes.
+
         Parameters
         ----------
         inputs
@@ -236,7 +240,8 @@ class UnwrappedStretch:
 
         Returns
         -------
-        The whole revolutions by which they differ, and the largest remaining difference.
+        The whole revolutions from the angles to those of the curve, and the largest
+        difference that remains.
         """
         low, high = self.curve.inputs[[0, -1]]
         curve_values, _ = self.curve.interpolate(np.clip(inputs, low, high))
@@ -433,10 +438,11 @@ class AngleUnwrapping:
     def _count_by_stretches(self, mode: int, values: Floats) -> Floats:
         """Return the revolutions of passive angles in configurations of one assembly mode.
 
-        Passive angles are those of pairs without an input. The mechanism has one input. A
-        stretch is a range of the input over which the mode was followed, so that angles are
-        counted continuously. Known stretches are tried first. From a configuration that is
-        on none of them, a new stretch is followed and stored.
+        Passive angles are those of pairs without an input. Their revolutions make them
+        continuous over the input. The mechanism has one input. A stretch is a range of the
+        input over which the mode was followed, so that angles are counted continuously.
+        Known stretches are tried first. From a configuration that is on none of them, a new
+        stretch is followed and stored.
 
         Parameters
         ----------
@@ -452,8 +458,9 @@ class AngleUnwrapping:
         configuration that is on no stretch, not even on the one followed from it.
         """
         (driven,) = self._driven
-        # Growth of the input (rad) after which configurations repeat, or infinite. It is
-        # unknown (NaN) if wheels do not follow the input by gear ratios.
+        # Growth of the input (rad) after which configurations repeat. Infinity means that
+        # they never repeat. It also replaces NaN, an unknown period: then wheels do not
+        # follow the input by gear ratios.
         (period,) = np.nan_to_num(self.solver.periods, nan=np.inf, posinf=np.inf)
         revolutions = nans((len(values), len(self._angles)))
         # Indices of the configurations that are on no stretch so far.

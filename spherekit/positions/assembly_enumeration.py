@@ -71,8 +71,9 @@ one mode may be found as two.
 class ConfigurationsAtInput(NamedTuple):
     """The k closed configurations of a mechanism that were found at one choice of inputs.
 
-    The mechanism is placed group by group (sets of links that are placed together). A dyad
-    is a group of two links, which closes in two ways. Its sign distinguishes them.
+    The mechanism is placed group by group. A group is a set of links that are placed
+    together. A dyad is a group of two links, which closes in two ways. The sign of a dyad
+    says in which way it is closed.
 
     Attributes
     ----------
@@ -96,7 +97,7 @@ class ConfigurationsAtInput(NamedTuple):
 
     @property
     def is_complete(self) -> bool:
-        """Whether no real configuration of the mechanism at this input can be missing."""
+        """Whether no real configuration of the mechanism at these inputs can be missing."""
         return all_complete(self.methods) and not self.is_truncated
 
 
@@ -153,10 +154,13 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
     """Return all closed configurations that are found at inputs q (inputs,) in rad.
 
     Usually the mechanism is placed group by group (sets of links that are placed together).
-    A mechanism is searched as a whole if the search has to prescribe how far its wheels
-    have rolled.
+    Some mechanisms have wheels that a search of a single group cannot place, because a
+    wheel looks the same after each revolution. If the inputs determine how far all wheels
+    have rolled, the search prescribes these rolled lengths. It then finds the configuration
+    of the whole mechanism at once.
     """
-    # The rolled lengths of the wheels. None if the mechanism is placed group by group.
+    # The rolled lengths of the wheels as functions of the inputs. None if the mechanism is
+    # placed group by group.
     gear_phases = _find_phases_of_common_search(solver)
     if gear_phases is None:
         return _combine_group_modes(solver, q)
@@ -223,14 +227,18 @@ def _combine_group_modes(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
 def _search_in_gear_phase(
     solver: PositionSolver, gear_phases: GearPhases, q: Floats
 ) -> Floats:
-    """Search the configurations of a mechanism with wheels as a whole, from random starts.
+    """Search the configurations of a whole mechanism with wheels, from random starts.
+
+    All links are placed together, not group by group. The inputs and the rolled lengths
+    (lengths by which wheels have rolled on each other) are locked. A wheel looks the same
+    after each revolution, so only the rolled lengths tell the revolutions.
 
     Parameters
     ----------
     solver
         The mechanism.
     gear_phases
-        The lengths that its wheels have rolled on each other, as functions of the inputs.
+        The rolled lengths, as linear functions of the inputs.
     q
         (inputs,) values of the inputs (rad).
 
@@ -239,10 +247,10 @@ def _search_in_gear_phase(
     (n, variables) closed configurations (rad) in which wheels have rolled as far as the
     inputs require.
     """
-    # The rolled lengths are counted from certain inputs, the anchor (those of the reference
-    # pose, or zero), and grow with the distance from there. Random starts have small rolled
-    # lengths. The search is therefore done at inputs near the anchor that are whole periods
-    # away from q. After a period the same configurations return.
+    # The same configurations return when an input grows by its period. The search is
+    # therefore done at inputs that are whole periods away from q, and as near as possible
+    # to the anchor. The anchor is the inputs of the reference pose, or zero. Far from it
+    # the rolled lengths are large.
     near_anchor = q - whole_laps(q - gear_phases.anchor_inputs, gear_phases.periods)
     rolled_lengths = gear_phases.rolled_lengths(near_anchor[None])
     locked_values = np.append(near_anchor, rolled_lengths)[None]
@@ -282,19 +290,20 @@ def enumerate_modes(solver: PositionSolver, q: Floats, max_modes: int) -> ModeEn
     methods: list[SolutionMethod | None] = [None] * group_count
 
     def place_next_groups(placement: ModePlacement) -> Iterator[ModePlacement]:
-        """Yield all modes of the mechanism that begin with a placement of its first groups.
+        """Yield all modes of the mechanism in which its first groups are already placed.
 
-        The next group of links is placed at the inputs `q` in each of its modes (ways to
-        close it). The groups after it follow recursively. `methods` stores for each group
-        how its modes were found: closed form, elimination or search.
+        `placement` has the first groups of links, each in one of its modes (ways to close
+        the group). The next group is placed at the inputs `q` in each of its modes. The
+        groups after it follow recursively. `methods` stores for each group how its modes
+        were found: closed form, elimination or search.
         """
         position = len(placement.signs)
         if position == group_count:
             yield placement
             return
         states_by_mode, method = _place_group_modes(solver, placement.state, position, q)
-        # This group is solved once for each mode of the groups before. Of the methods used,
-        # the one most likely to miss modes is stored.
+        # The same group is solved again for each combination of modes of the groups before,
+        # maybe with other methods. The one most likely to miss modes is stored.
         methods[position] = least_complete(methods[position], method)
         # The sign tells apart the two modes of a dyad. Other groups have the sign 0.
         for sign, next_state in states_by_mode:
@@ -478,12 +487,14 @@ def group_matrices(
 def _group_velocity_matrices(
     solver: PositionSolver, linearisation: Linearisation, group: Group
 ) -> Floats:
-    """Return the matrices (n, 3 loops, variables) of the velocity equations of a group.
+    """Return the matrices of the velocity equations of a group at n configurations.
+
+    The matrices have the shape (n, 3 * loops, variables). The sign of their determinant
+    tells the ways to place the group apart.
 
     A group is a set of links that are placed together. The relative angular velocities in
     the pairs around each loop add up to zero, which gives 3 equations per loop. The
-    unknowns are the rates of the pair variables of the group. n is the number of
-    configurations.
+    unknowns are the rates of the pair variables of the group.
     """
     variables: list[int] = []
     for pair in group.pairs:

@@ -441,8 +441,8 @@ class ArcCurve(Chords):
         Parameters
         ----------
         function
-            Takes n points of the curve; returns a function and its derivative with respect
-            to the arc length, both (n,).
+            Takes n points of the curve. Returns the values of the function and its
+            derivatives with respect to the arc length, both (n,).
         variable
             Index of a variable, if the function depends only on this variable. If the
             variable is constant along the curve, no zeros are returned, because the

@@ -92,9 +92,12 @@ class DeterminantSigns:
 class NodeEdges(NamedTuple):
     """Edges of the configuration graph, by the nodes that they join.
 
-    A node is one configuration of the mechanism at one sample of the inputs. An edge is a
-    verified path between configurations at neighbouring samples, or joins two nodes of a
-    sheet (see `ConfigurationGraph.add_sheet`).
+    A node is one configuration of the mechanism at one sample of the inputs. There are two
+    kinds of edges:
+
+    - A verified path leads from one configuration to another at a neighbouring sample.
+    - Both configurations are in a sheet: a set of configurations that paths reach from one
+      start (see `ConfigurationGraph.add_sheet`). Their samples need not be neighbours.
 
     Attributes
     ----------
@@ -579,10 +582,10 @@ class ConfigurationGraph:
         one node per sample. Pieces are united, and become the assembly modes in the end.
 
         First, paths along the last axis of the grid make long pieces. After this, paths are
-        followed along the other axes, a few from each piece at first. One path is often
-        enough to join two long pieces. A path joins two nodes whichever of them it starts
-        from. In the first rounds, paths are therefore followed in only one of the two
-        directions of each axis.
+        followed along the other axes. They are followed in rounds, with few paths from each
+        piece in the first round, because one path is often enough to join two long pieces.
+        A path joins two nodes whichever of them it starts from. So paths are at first
+        followed in only one of the two directions of each axis, and later in both.
 
         A path can end at a new configuration, which becomes a node.
         """
@@ -672,7 +675,8 @@ class ConfigurationGraph:
         neighbouring sample. The path can end at a node there that is not singular, has the
         same sign of the determinant of the closure Jacobian, and is not the end of another
         path in this direction. If configurations may be missing among the nodes of the
-        sample, the path can end at a new one.
+        sample, the path can also end at a new configuration. The caller follows only paths
+        that can have an end.
 
         Parameters
         ----------
@@ -897,9 +901,11 @@ class ConfigurationGraph:
         The mode with the most nodes comes first. Modes with equally many are sorted by
         their first sample.
         """
-        # Paths join nodes to connected components. A component consists of pieces, sets of
-        # nodes with at most one node per sample. Each piece, the largest first, is put into
-        # the first mode of its component that has no nodes at the samples of the piece.
+        # Paths between nodes at neighbouring samples join nodes to connected components. A
+        # component can have several nodes at one sample, which need different modes. It
+        # consists of pieces, sets of nodes with at most one node per sample. Each piece,
+        # the largest first, is put into the first mode of its component that has no nodes
+        # at the samples of the piece.
         component_of_node = self._find_components()
         modes_of_component: dict[int, list[Indices]] = {}
         for nodes in self._pieces.sort_by_size():

@@ -566,7 +566,7 @@ class _CurveSearch:
                 self.problems.append(message)
 
     def _follow_unknown_curves(self, values: Floats) -> list[tuple[Floats, str]]:
-        """Follow curves until one passes each of the configurations, and add them.
+        """Follow and add curves until each given configuration is on one of the curves.
 
         Parameters
         ----------

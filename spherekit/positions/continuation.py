@@ -157,7 +157,8 @@ class CurveContinuation(ABC, Generic[Node]):
         Returns
         -------
         For each step its end, whether it passed all tests, and the relative change of the
-        Jacobian of the curve in the step.
+        Jacobian of the curve in the step. The length of the next step follows from this
+        change.
         """
 
     @abstractmethod
@@ -278,8 +279,8 @@ class CurveContinuation(ABC, Generic[Node]):
         self.append_nodes(rows[is_taken], tried_steps.nodes.rows(is_taken))
         # A curve that has ended needs no step, so its step has not failed.
         has_ended = self.end_status[rows] != UNFINISHED
-        # The less the Jacobian has changed in a step, the longer the next one may be. The
-        # factor is 1 after a step that was not taken.
+        # The less the Jacobian of the curve has changed in a step, the longer the next step
+        # may be. The factor is 1 after a step that was not taken.
         growth = self._choose_growth(tried_steps.changes)
         return StepOutcome(
             has_failed=~is_taken & ~has_ended, growth=np.where(is_taken, growth, 1.0)

@@ -125,7 +125,8 @@ class _ArcNodes(CurvePoints):
             The points.
         limits
             The limits at which curves end: bounds of variables, and equal curvatures of two
-            profiles in contact.
+            profiles in contact. At equal curvatures, the motion of the links does not
+            determine that of the point of contact.
         chosen
             Which of the points become nodes.
         """
@@ -173,8 +174,8 @@ def follow_arc(
     values
         (variables,) a configuration (rad) that closes, to 1e-6 rad or better.
     stops
-        Lowest and highest value (rad) of variables, by the index of the variable, at which
-        the curve is ended. A curve on which such a variable makes whole turns is open.
+        Lowest and highest value (rad) of some variables, by the index of the variable. The
+        curve ends at these values. It is open if one of these variables makes whole turns.
     longest
         The curve is followed from the configuration in both senses. If it does not close,
         it is ended after this length (rad) in each sense.
@@ -352,8 +353,8 @@ def _join_senses(
             )
     if len(nodes.values) == 1:
         return None
-    # The loops of several curves can differ by the values of locked variables. Keep those
-    # of this curve.
+    # `closure` has the loops of all curves. Locked variables can have other values on each
+    # curve, so the loops of this curve are selected.
     curve_closure = forward.closure.select_rows(np.array([row]))
     return ArcCurve(
         nodes=nodes,
@@ -561,10 +562,11 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
     def _land_on_limit(self, row: Indices, number: int) -> None:
         """End a curve exactly at a limit near its last node, if this is possible.
 
-        A limit is a bound of a variable, or equal curvatures of two profiles in contact,
-        which do not determine how they move. Its margin is the distance from it (rad, or
-        difference of curvatures). A last step has to lead to the limit and pass the tests
-        that it stays on the curve. If no such step exists, nothing is changed.
+        A limit is a bound of a variable, or equal curvatures of two profiles in contact.
+        Profiles with equal curvatures do not determine how they move. The margin of a node
+        is its distance from the limit (rad, or difference of curvatures). A last step has
+        to lead to the limit and pass the tests that it stays on the curve. If no such step
+        exists, nothing is changed.
 
         Parameters
         ----------
@@ -632,9 +634,9 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         """End a curve that no step continues from its last node, and set a status.
 
         A limit is a bound of a variable, or equal curvatures of two profiles in contact. If
-        the node is near a limit, the curve gets the status of the limit. At other nodes,
-        nearly singular equations mean that another curve crosses there. In all other cases
-        the curve is lost.
+        the node is near a limit, the curve gets the status of the limit. Where two curves
+        cross, their equations are singular. At another node with nearly singular equations,
+        the status is therefore AT_SINGULARITY. In all other cases it is MODE_LOST.
         """
         reciprocal_condition = self.last_nodes.reciprocal_condition[row]
         is_near_crossing = reciprocal_condition < END_AT_SINGULARITY_CONDITION

@@ -90,8 +90,8 @@ class Crossing(NamedTuple):
         Number of independent motions: the number of variables minus the rank of the
         velocity equations.
     tangents
-        (curves, variables) unit tangent of each real curve through the crossing, in one of
-        its two directions.
+        (curves, variables) unit tangent of each curve through the crossing, in one of its
+        two directions. Complex solutions of the second-order equations are left out.
     resolved
         Whether the number of curves was found from second-order terms. If not, `tangents`
         is empty.
@@ -403,7 +403,10 @@ def _find_independent_forms(forms: Floats) -> Floats:
 class _ZeroSearch:
     """The results of Newton's method for common zeros of quadratic forms, from n starts.
 
-    The zeros are unit vectors with k components.
+    At a crossing of configuration curves, k independent motions are possible to first
+    order. The directions of the curves are the unit vectors y (k,) at which all quadratic
+    forms y . B y vanish. The symmetric matrices B are the second-order terms of the closure
+    equations.
 
     Attributes
     ----------
@@ -412,8 +415,8 @@ class _ZeroSearch:
     residuals
         (n,) largest absolute value of any quadratic form before the last step.
     inverse_norms
-        (n,) norm of the inverse of the matrix of the last step. The norm is large if two
-        zeros nearly coincide.
+        (n,) norm of the inverse of the matrix of the linear equations that gave the last
+        step. The norm is large if two zeros nearly coincide.
     """
 
     points: Floats

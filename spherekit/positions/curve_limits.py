@@ -140,9 +140,9 @@ class CurveLimits:
     ) -> LimitMargins:
         """Return how far configurations are from the limits at which curves end.
 
-        A limit is a bound of a variable, or a contact of two profiles with equal
-        curvatures, for which the motion of the links does not determine that of the point
-        of contact.
+        The curves consist of configurations. A limit is a bound of a variable, or equal
+        curvatures of two profiles (curves) in contact. If the curvatures are equal, the
+        motion of the links does not determine the motion of the point of contact.
 
         Parameters
         ----------

@@ -53,7 +53,7 @@ class CurvePoints(ArrayRows):
     values
         (n, variables) pair variables (rad).
     tangents
-        (n, variables) unit vectors dv/ds.
+        (n, variables) unit vectors dv/ds, derivatives of the values v.
     bends
         (n, variables) second derivatives d2v/ds2 (1/rad), normal to the tangents.
     residual
@@ -67,7 +67,7 @@ class CurvePoints(ArrayRows):
 
     @property
     def plain(self) -> "CurvePoints":
-        """The points without the further fields that subclasses have."""
+        """The points without the fields that a subclass adds, such as equations."""
         return CurvePoints(self.values, self.tangents, self.bends, self.residual)
 
     def set_nan_except(self, is_valid: Bools) -> "CurvePoints":
@@ -126,7 +126,8 @@ def bordered(jacobian: Floats, borders: Floats) -> Floats:
 
     The closure equations J rates = 0 leave one motion of unknown speed. An additional
     equation, in which the scalar product of b and the rates is given, determines the speed.
-    The matrix of all equations can be inverted.
+    Callers compute left inverses of the matrices, because redundant loop equations can
+    make them non-square.
 
     Parameters
     ----------
@@ -204,8 +205,9 @@ def correct(
 ) -> tuple[Floats, NewtonSteps]:
     """Correct predicted points to exact points of a configuration curve.
 
-    Newton's method solves the closure equations together with a linear equation, border .
-    values = target, which selects one point of the curve.
+    Newton's method solves the closure equations together with one linear equation,
+    ``border . values = target``, which selects one point of the curve. A border has the
+    coefficients of this equation.
 
     Parameters
     ----------
@@ -221,8 +223,8 @@ def correct(
     Returns
     -------
     values
-        (n, variables) corrected points (rad). Points that have not converged are NaN or
-        have a closure residual, which the caller checks.
+        (n, variables) corrected points (rad). A point that has not converged is NaN, or its
+        loops are open. The caller checks this.
     newton_steps
         The first step (rad), and the ratio of the second to the first. Both are small if
         the prediction was good.

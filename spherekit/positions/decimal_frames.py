@@ -131,7 +131,7 @@ class _LinkAxes:
 
         The z axis is the pair axis. The x axis points to the first other axis of the link
         that is not collinear with the pair axis. If there is none, x is any normal
-        direction.
+        direction. This is the rule in float64, so the pair variable has the same zero.
         """
         axis = self.exact[name]
         for other_name, other_axis in self.exact.items():

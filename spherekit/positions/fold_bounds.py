@@ -322,8 +322,9 @@ class _FoldModel:
 
         The closure residual is by how much the loops are open. Its Jacobian J has the
         derivatives with respect to the variables that are not inputs. At a fold, two
-        configurations meet at one input. The smallest singular value of J is then near
-        zero. There is then a direction of the variables in which the loops hardly open.
+        configurations for the same inputs become equal. Near a fold, the smallest singular
+        value of J is near zero, so the loops hardly open if the variables move in a certain
+        direction.
 
         Parameters
         ----------
@@ -351,7 +352,8 @@ class _FoldModel:
         with np.errstate(divide="ignore"):
             self.sensitivity = np.sqrt(np.sum(singular_values**-2.0, axis=1))
         # The component of the residual along `_residual_direction`, as a quadratic function
-        # of the distance along `_direction` from each configuration.
+        # of the distance along `_direction` from each configuration. Its roots approximate
+        # the two configurations near a fold.
         self.quadratic = self._expand_residual()
 
     def _expand_residual(self) -> _QuadraticResidual:
@@ -360,7 +362,7 @@ class _FoldModel:
         F is the closure residual (by how much the loops are open) and J its Jacobian. The
         smallest singular value s of J is nearly zero at a fold, where two configurations
         meet. Its singular vectors v (`_direction`) and u (`_residual_direction`) satisfy
-        J v = s u.
+        J v = s u. The roots of the quadratic function approximate both configurations.
         """
         second_derivative = self._second_derivative_along(self._direction)
         return _QuadraticResidual(
@@ -388,9 +390,14 @@ class _FoldModel:
     def _close_other_equations(self, residual: Floats) -> Floats:
         """Return the step (n, free) that closes the loops in all directions but u.
 
-        u is the left singular vector of the smallest singular value of the Jacobian J.
-        `residual` (n, equations) is the closure residual of the loops, in rad. The step
-        solves J step = -residual, with the part along u left out.
+        The step changes the variables that are not inputs. u is the left singular vector of
+        the smallest singular value of their Jacobian J. `residual` (n, equations) is the
+        closure residual of the loops, in rad. The step solves J step = -residual, with the
+        part of the residual along u left out.
+
+        At a fold, two closed configurations are close together and this singular value is
+        nearly zero. A linear step along u would be too large there. The callers therefore
+        treat the residual along u separately.
         """
         # Without the last singular value, which is the smallest.
         singular_values = self._singular_values[:, :-1]

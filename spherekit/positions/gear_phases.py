@@ -111,7 +111,8 @@ def make_gear_phases(
 
     A rolled length is how far two wheels have rolled on each other, as an arc length. The
     loops also close if two wheels are put together one tooth further. The rolled lengths at
-    one value of the inputs, the anchor, say which assembly is meant.
+    the anchor, one chosen value of the inputs, say which of these assemblies is meant. At
+    other inputs, the rolled lengths follow from those at the anchor by gear ratios.
 
     Parameters
     ----------
@@ -125,14 +126,15 @@ def make_gear_phases(
     Returns
     -------
     The rolled lengths, with the periods of the inputs after which the same configurations
-    return. None if the mechanism has no rolling contact.
+    return. Periods are infinite if only some rolled lengths follow from the inputs, and NaN
+    if none does. The result is None if the mechanism has no rolling contact.
     """
     # Variables that count how far two wheels have rolled on each other.
     rolling = [variable for variable, _ in list_rolling_variables(closure.joints)]
     if not rolling:
         return None
     if train is None:
-        # No rolled length follows from the inputs, so the periods are not known (NaN).
+        # No rolled length follows from the inputs. NaN periods mark this case.
         no_ratios = np.zeros((0, len(anchor)))
         return GearPhases(
             variables=(),
@@ -142,15 +144,15 @@ def make_gear_phases(
             periods=nans(len(anchor)),
             all_known=False,
         )
-    # The rolled lengths of the contacts in the train.
+    # The variables that are rolled lengths of the contacts in the train.
     variables = [v for v in rolling if closure.tree.pair_of_variable[v] in train.contacts]
     ratios = train.length_ratios
-    # Whether the rolled lengths of all contacts follow from the inputs. If not, the periods
-    # stay infinite.
+    # Whether the rolled lengths of all contacts follow from the inputs. If only some do,
+    # the periods stay infinite.
     all_known = len(variables) == len(rolling)
     periods = np.full(len(anchor), np.inf)
     if all_known:
-        # A contact is the same again after this rolled length.
+        # Growth of each rolled length after which the contact is in the same state again.
         lap_lengths = variable_periods(closure)[variables]
         periods = np.array(
             [_find_input_period(lap_lengths, input_ratios) for input_ratios in ratios.T]
@@ -158,7 +160,7 @@ def make_gear_phases(
     return GearPhases(
         variables=tuple(variables),
         anchor_inputs=anchor,
-        # The train has the lengths at inputs of zero.
+        # `train.lengths` are the rolled lengths if all inputs are zero.
         lengths=train.lengths + ratios @ anchor,
         ratios=ratios,
         periods=periods,
@@ -167,11 +169,14 @@ def make_gear_phases(
 
 
 def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
-    """Return rolled lengths of one contact at which one of its wheels is as before.
+    """Return rolled lengths that differ from a given one by whole revolutions of a wheel.
 
-    A rolled length is how far both wheels have rolled on each other, as an arc length. If a
-    wheel is turned by a whole revolution, it looks the same, but the rolled length differs
-    by its circumference. The other wheel then generally touches at another point.
+    A rolled length is how far the two wheels of a contact have rolled on each other, as an
+    arc length. After a whole revolution a wheel looks the same, but the rolled length
+    differs by its circumference. The other wheel then generally touches at another point.
+
+    The caller knows a rolled length that closes the loops, but not how many revolutions the
+    wheels have made. It tries the lengths of this list.
 
     Parameters
     ----------
@@ -183,10 +188,10 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
     Returns
     -------
     The length itself, and lengths that differ from it by revolutions of the first wheel or
-    of the second wheel, the smallest absolute values first. Each wheel alone covers the
-    range from minus to plus half of the longer circumference, with a few lengths beyond.
-    There are at most `MAX_LENGTHS_PER_CONTACT`, so that the largest lengths by revolutions
-    of a much smaller wheel are missing.
+    of the second wheel, the smallest absolute values first. For each wheel these
+    are all lengths between minus and plus half of the longer circumference, and a few
+    beyond. There are at most `MAX_LENGTHS_PER_CONTACT` lengths. If one wheel is much
+    smaller than the other, the largest lengths by its revolutions are therefore missing.
     """
     # Keys are rounded lengths, so that equal lengths occur once.
     lengths = {round(length / SAME_ROLLED_LENGTH_RAD): length}
@@ -194,7 +199,7 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
     # of which may be missing.
     circumferences = sorted(joint.closed_lengths, reverse=True)
     for circumference in circumferences:
-        # The length of smallest absolute value that differs by revolutions of this wheel.
+        # The given length, less as many revolutions of this wheel as bring it nearest to 0.
         smallest = length - circumference * round(length / circumference)
         # So many revolutions cover half of the longer circumference.
         max_revolutions = int(np.ceil(0.5 * max(circumferences) / circumference))

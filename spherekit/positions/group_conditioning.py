@@ -77,16 +77,16 @@ def _equalise_directions(jacobians: Floats) -> Floats:
 
 
 class VectorSpread(NamedTuple):
-    """The common direction of m vectors in space, and their sizes along and across it.
+    """The common direction of vectors in space, and their sizes along and across it.
 
-    The sizes are computed for n sets of vectors, and show whether the vectors are nearly
-    parallel.
+    The size of a set of m vectors along a direction is the root of the sum of their squared
+    components in this direction. If the size across is much smaller than the size along,
+    the vectors are nearly parallel. There are n such sets.
 
     Attributes
     ----------
     direction
-        (n, 3, 1) unit vector along which the size of the vectors is largest. The size along
-        a direction is the root of the sum of their squared components.
+        (n, 3, 1) unit vector along which the size of the set is largest.
     size_along
         (n,) size along this direction.
     size_across

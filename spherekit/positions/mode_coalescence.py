@@ -52,6 +52,7 @@ def make_mode_coalescence(
 
     An assembly mode is one way to assemble the mechanism at an input: a solution of its
     closure equations. Two modes meet at an input where their configurations coincide.
+    Callers find this input as the place at which a function changes its sign.
 
     Each group (links that are placed together) has one function: the product of the
     determinants of its equations in all real and complex modes. Before two modes meet, both
@@ -59,7 +60,8 @@ def make_mode_coalescence(
     meeting both modes are conjugate complex, and their product is positive.
 
     The functions exist for mechanisms with one input. The groups must be trains of wheels,
-    dyads (two links), triads (four links), or a single group of three loops.
+    dyads (two links) or triads (four links). The only other case is a mechanism that is a
+    single group of three loops.
 
     Parameters
     ----------
@@ -86,8 +88,8 @@ def make_mode_coalescence(
     # An elimination order removes one link for each loop of its group.
     loop_counts = [len(order.removed_links) for order in orders]
     max_loops = max(loop_counts, default=0)
-    # A group of three loops is slow. Beside other groups, it would have to be solved in
-    # each of their modes, which takes too long.
+    # A group of three loops is slow. If the mechanism had other groups too, it would have
+    # to be solved in each of their modes, which takes too long.
     if max_loops > MAX_LOOPS_BESIDE_OTHERS:
         is_only_group = len(solver.assembly.groups) == 1
         if not is_only_group or COSTS_S[max_loops] > max_cost_s:
@@ -125,8 +127,10 @@ def find_first_orders(solver: PositionSolver) -> list[EliminationOrder] | None:
 class OrderTrial:
     """An elimination order of a group, with the determinants that it gives at test inputs.
 
-    A group consists of links that are placed together by equations for unknown angles.
-    Elimination can fail in some orders, which gives determinants that are NaN.
+    A group consists of links that are placed together by equations for unknown angles. The
+    equations are solved by elimination, which can fail in some orders. Each order is
+    therefore tried at a few test inputs. It works if all determinants are finite. If
+    they differ between the modes of an earlier group, the group depends on that group.
 
     Attributes
     ----------
@@ -135,8 +139,8 @@ class OrderTrial:
         one mode and needs no elimination.
     determinants
         (test inputs, modes) determinants of the derivatives of the equations with respect
-        to the unknown angles. A mode is a solution of the group, combined with a solution
-        of each group that is placed before.
+        to the unknown angles. NaN where the elimination failed. A mode is a solution of the
+        group, combined with a solution of each group that is placed before.
     """
 
     order: EliminationOrder | None
@@ -174,8 +178,8 @@ class ModeCoalescence:
         the product of the determinants of all its modes. Two things are prepared for it:
 
         - The order in which the unknown angles are eliminated from the equations.
-        - The earlier groups whose modes change the determinants. The function will combine
-          the modes of the group only with the modes of these groups.
+        - The earlier groups on whose modes the determinants depend. The product then runs
+          over the combinations of modes of the group with modes of these groups only.
         """
         self.solver = solver
         self.groups = solver.assembly.groups
@@ -278,13 +282,13 @@ class ModeCoalescence:
         if the product exceeds float64.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            # The order in which the unknown angles are eliminated from the equations, and
-            # the earlier groups on whose modes the determinants depend. The product runs
-            # over the modes of these groups, too.
             determinants = self._compute_determinants(
                 position,
+                # The order in which the unknown angles are eliminated from the equations.
                 self._orders[position],
                 q=q[:, None],
+                # The determinants depend on the modes of these earlier groups. The product
+                # therefore runs over all combinations of modes.
                 combined_groups=self._dependences[position],
             )
             # Complex modes come in conjugate pairs, so the product is real.
@@ -499,15 +503,17 @@ class ModeCoalescence:
         A group is a set of bodies that are placed together. Its modes are the solutions of
         its equations. Groups that are placed earlier have modes, too. The group depends on
         an earlier one if the determinants of the group differ between the modes of the
-        earlier one.
+        earlier one. The function of the group then combines its modes with the modes of
+        only these earlier groups, which saves time.
 
         Parameters
         ----------
         position
             Position of the group in solving order.
         determinants
-            (test inputs, modes) determinants of the derivatives of the group's equations.
-            The mode of the group itself changes fastest along the axis.
+            (test inputs, combinations) determinants of the derivatives of the group's
+            equations. A combination has one mode of each earlier group and one mode of the
+            group itself. The mode of the group itself changes fastest along the axis.
         """
         # The axes become: test input, mode of each earlier group, mode of the group itself.
         mode_counts = [self._count_modes(number) for number in range(position + 1)]
@@ -526,10 +532,12 @@ class ModeCoalescence:
 def measure_complex_angles(first_frames: Complexes, second_frames: Complexes) -> Complexes:
     """Return the complex angles about the z axis that turn first frames into second frames.
 
-    Complex angles occur in complex solutions of the closure equations. With the axes x and
-    y of the first frame, the second x axis is x2 = x cos(angle) + y sin(angle). Therefore x
-    . x2 + i y . x2 = exp(i angle). This also holds for complex angles, if the scalar
-    products have no conjugation.
+    Complex angles occur in complex solutions of the closure equations. The caller knows the
+    frames of a pair (joint) on its two links, and needs the angle of the pair.
+
+    With the axes x and y of the first frame, the x axis of the second frame is
+    x2 = x cos(angle) + y sin(angle). Therefore x . x2 + i y . x2 = exp(i angle). For
+    complex angles, the scalar products must be formed without complex conjugation.
 
     Parameters
     ----------

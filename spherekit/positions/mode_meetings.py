@@ -371,9 +371,9 @@ def _find_coincident_modes(values: Floats) -> Bools:
 
 
 def _measure_misses(nodes: InputPathNodes, step: float, values: Floats) -> Floats:
-    """Return how far modes, continued to another value of the input, miss configurations.
+    """Return the distances of configurations from modes continued to another input value.
 
-    The mode is continued by its Taylor polynomial of second order. A small distance shows
+    A mode is continued by its Taylor polynomial of second order. A small distance shows
     that a configuration lies on the same smooth curve as the mode.
 
     Parameters

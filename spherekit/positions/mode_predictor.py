@@ -247,12 +247,16 @@ def follow_each(
 def _follow_from_dead_centre(
     closure: Closure, driven: int, values: Floats, low: float, high: float
 ) -> ModeCurve:
-    """Return the assembly mode through a dead centre.
+    """Return the curve of an assembly mode (way to assemble the links) at a dead centre.
 
-    At a dead centre the input is stationary on the curve of configurations, and derivatives
-    with respect to the input are infinite. Several curves may leave the dead centre. Each
-    is followed from a point near the dead centre to both ends of the range of the input.
-    The first curve that leads back to the dead centre is the mode.
+    A mode is a curve of configurations over the input. At a dead centre the input is
+    stationary on this curve, so derivatives with respect to the input are infinite. The
+    curve is therefore followed from a point near the dead centre.
+
+    Several curves may leave the dead centre, so there are several points. From each point
+    the input moves towards both ends of its range. A curve is the mode of the dead centre
+    if it ends near the dead centre in one of the two directions. If there are several of
+    these curves, the first one is returned.
 
     Parameters
     ----------

@@ -308,8 +308,9 @@ class ModeSearch:
         listed for each.
         """
         all_signs = []
-        # If constraints are redundant, the mobility (degrees of freedom) is computed in
-        # configurations of each mode.
+        # If constraints are redundant, counting links and pairs does not give the mobility
+        # (degrees of freedom). It is then computed at configurations of each mode. An error
+        # is raised if it is not the number of inputs.
         has_redundant_group = any(group.redundant for group in self.groups)
         for first in range(0, len(q), PROBED_TOGETHER):
             inputs = q[first : first + PROBED_TOGETHER]

@@ -414,7 +414,7 @@ class ModesOverRange:
         Returns
         -------
         How complete the modes are. In the first case (`AS_ASSEMBLED`) all modes on the
-        curve are known, in the second case those to which the examined inputs led.
+        curve are known, in the second case those to which the tried inputs led.
         """
         q = self.input_grid.q
         # A few samples spread over the range, the middle first, each once.
@@ -424,7 +424,7 @@ class ModesOverRange:
                 break
             self._compute_modes_at(q[row : row + 1])  # adds 1 to `probes`
         self._follow_modes_beyond_their_ends()
-        # No input was searched, so all modes are on the curve of the reference pose.
+        # No input was tried, so all modes are on the curve of the reference pose.
         if not self.probes:
             return AS_ASSEMBLED
         reason = f"modes found at {counted(self.probes, 'input')}"
@@ -683,8 +683,8 @@ class ModesOverRange:
                 self._curves, self._curve_components, strict=True
             ):
                 if followed_curve.passes(middle_values[None]).all():
-                    # The mode may have been added before its curve was followed, with the
-                    # index of a new component.
+                    # The mode is on a curve that was followed already. It may have been
+                    # added before that, with the index of a new component.
                     self._components[assembly_mode.number] = component
                     break
             else:

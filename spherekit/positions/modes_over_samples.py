@@ -405,9 +405,11 @@ class SampledModes:
     def _assign_solutions(self, values: Floats, samples: Indices) -> Indices:
         """Return the indices of the solutions to which configurations belong.
 
-        A search from random starts counts how often it reaches each solution. A
-        configuration that belongs to no known solution is followed over the samples of the
-        inputs, which gives a new solution.
+        A search from random starts counts how often it reaches each solution. A solution
+        is a sheet, or a single configuration that was computed before the search. A sheet
+        is the set of configurations that verified steps reach from one start, at most one
+        at each sample. If a configuration belongs to no known solution, the sheet through
+        it is followed and becomes a new solution.
 
         Parameters
         ----------
@@ -419,7 +421,7 @@ class SampledModes:
         Returns
         -------
         (m,) index of the solution of each configuration. -1 if the configuration belongs to
-        none, and following it gave no new solution.
+        no solution, even after the sheet through it was followed.
         """
         return np.array(
             [
@@ -484,21 +486,23 @@ class SampledModes:
     def _search_modes(self) -> Completeness:
         """Search assembly modes from random starts, and return how complete they are.
 
-        Each start that closes gives a sheet: all configurations of one mode that verified
-        steps reach from the start, at most one at each sample of the inputs.
+        Newton's method closes the loops from random starts. Each closed configuration is
+        followed from sample to sample of the inputs, by verified steps. The configurations
+        that are reached, at most one at each sample, are called a sheet. A sheet is an
+        assembly mode or a part of one.
         """
-        # `gear_phases` has the lengths that wheels have rolled on each other, as functions
-        # of the inputs, and is None for a mechanism without wheels.
+        # Wheels roll on each other. `gear_phases` gives the rolled lengths as functions of
+        # the inputs. It is None for a mechanism without wheels.
         gear_phases = self.solver.gear_phases
         if gear_phases is not None and not gear_phases.all_known:
-            # Free wheels: the inputs do not determine how far they have rolled.
+            # The inputs do not determine all rolled lengths.
             return self._search_free_wheels()
         # Up to here, only the reference pose can have given a solution.
         has_reference_mode = self._solutions.count > 0
         has_wheels = gear_phases is not None
         if has_wheels and not has_reference_mode:
-            # The search with wheels begins with all groups of links solved at the first
-            # sample.
+            # With wheels, all groups of links are first solved at the first sample. Random
+            # starts follow.
             self._search_sample(0)
         self.methods = [
             CLOSED_FORM if group.is_dyad else RANDOM_SEARCH for group in self.groups
@@ -508,13 +512,14 @@ class SampledModes:
             # Random starts leave out configurations near a dead centre. Solving all groups
             # at the middle sample can find these.
             self._search_sample(len(self.input_grid) // 2)
-        # The statistics count sheets. A mode can consist of several sheets.
+        # The statistics count sheets, which are called mode parts in the text for the user.
+        # A mode can consist of several sheets.
         reason = statistics.describe("mode parts")
         sentence = statistics.sentence(len(self._graph.modes()))
         if self._is_sheet_limit_reached:
             count = self._solutions.count
             reason += f"; stopped at {count} mode parts, and there may be more"
-            sentence = ""  # the probability in this sentence needs a complete search
+            sentence = ""  # its probability is valid only for a search that was not stopped
         return Completeness(Guarantee.SAMPLED, reason, sentence=sentence)
 
     def _search_free_wheels(self) -> Completeness:

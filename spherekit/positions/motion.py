@@ -201,7 +201,8 @@ class Motion(ArrayRows):
 
         The number grows without limit near singularities of type II, where the mechanism
         can move with locked inputs. The number is infinite if the loops do not determine
-        the passive variables (not inputs). The number is 1 without loops, and NaN in failed
+        the passive variables, which are all variables that are not inputs. The number is 1
+        without loops, and NaN in failed
         rows.
         """
         return condition_numbers(self.passive_jacobian)
@@ -227,9 +228,13 @@ class Motion(ArrayRows):
     def residual_bound(self) -> Floats:
         """(n,) bound (rad) of every component of the exact closure residuals.
 
-        A residual is by how much a loop is open. The bound is the sum of the computed
-        residual, its rounding error, and the rounding errors of the sizes of the links. In
-        failed rows it has no meaning, but is not NaN.
+        The closure residual of a loop is the rotation by which the loop fails to close. The
+        residual is exact if it is computed without rounding, from the sizes of the links in
+        the file. Error bounds of the variables follow from the bound, such as
+        `kantorovich_error`.
+
+        The bound is the sum of the computed residual, its rounding error, and the rounding
+        errors of the sizes of the links. In failed rows it has no meaning, but is not NaN.
         """
         return np.nan_to_num(self.residual) + rounding_of_loops(self.linearisation)
 
@@ -280,8 +285,9 @@ class Motion(ArrayRows):
         """(n,) bounds (rad) of the errors of the variables.
 
         This is the `kantorovich_error` (from the theorem on Newton's method) if it is
-        finite, and else the `singular_error`. The bound is infinite if neither is finite,
-        and NaN in failed rows.
+        finite. Otherwise it is the `singular_error`, a bound for rows near dead centres,
+        where the theorem does not apply. The bound is infinite if neither is finite, and
+        NaN in failed rows.
         """
         if self.singular_error is None:
             return self.kantorovich_error
@@ -323,7 +329,8 @@ class Motion(ArrayRows):
     def failed(self) -> Bools:
         """(n,) whether a row has no configuration.
 
-        This includes rows beside a dead centre whose angles are not known.
+        This includes rows near a dead centre whose angles are NaN, because rounding errors
+        leave them unknown.
         """
         failed = ~has_configuration(self.status)
         singular = self.status == Status.AT_SINGULARITY

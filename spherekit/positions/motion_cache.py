@@ -60,8 +60,8 @@ def assembly_by_count_or_rank(mechanism: Mechanism) -> Assembly:
 
     A group is a set of links that are placed together by closing their loops. Counting
     links and pairs gives too few degrees of freedom if constraints are redundant. In this
-    case closed configurations are searched, and the rank of their velocity equations
-    counts.
+    case closed configurations are searched, and the rank of their velocity equations gives
+    the degrees of freedom.
 
     Raises
     ------

@@ -216,7 +216,7 @@ class PositionAnalysis:
         links in the order in which they are placed. The plan requires as many inputs as
         degrees of freedom. The degrees of freedom are counted from the numbers of links and
         pairs, or with `by_rank` follow from the rank of the velocity equations. If
-        `_follow` is false, only the plan is computed.
+        `_follow` is false, no motion is needed, and only the plan is computed.
 
         Parameters
         ----------
@@ -240,14 +240,14 @@ class PositionAnalysis:
             self.solver, self.input_grid, search=search, independent=self._independent
         )
         # `claim` says how complete the modes are, `methods` how each group was solved, and
-        # `probes` at how many inputs modes were searched. At `crossings` curves of
-        # configurations cross.
+        # `probes` at how many inputs modes were searched. `crossings`
+        # are the configurations at which curves of configurations cross.
         self.methods = mode_search.methods
         self.claim = mode_search.claim
         self._probe_count = mode_search.probes
         self._crossings = mode_search.crossings
-        # The solver would compute crossings, which are singular, with half the digits.
-        # These exact configurations replace its results.
+        # At a crossing the loop equations are singular, so the solver would find it with
+        # only half the digits. The exact configurations replace the results of the solver.
         self.solver.exact_configurations += [
             crossing.values for crossing in mode_search.crossings
         ]

@@ -144,8 +144,8 @@ class PositionSolver:
         # are in (-pi, pi].
         self.anchor_inputs = np.zeros(len(self.driven))
         # Configurations that are known up to rounding: the reference pose, and crossings of
-        # curves, which callers add. Near singular configurations these replace computed
-        # results, which have only half the digits.
+        # curves, which callers add. Near singular configurations, computed results have
+        # only half the digits. There, these known configurations replace them.
         self.exact_configurations: list[Floats] = []
         if self.reference is not None:
             self.anchor_inputs = self.reference[list(self.driven)]
@@ -222,12 +222,14 @@ class PositionSolver:
         return shifted
 
     def shift_near_samples(self, values: Floats, sampled_inputs: Floats) -> Floats:
-        """Return a configuration with inputs moved by whole periods near to the samples.
+        """Return a configuration whose inputs are moved near to samples by whole periods.
 
-        After a period of an input all orientations repeat. An input inside the range of the
-        samples stays. Any other input is moved as near to the middle of the range as
-        possible. The input remains outside if no multiple of the period leads into the
-        range.
+        After a period of an input all orientations repeat. Assembly modes are known near
+        the samples only. The caller therefore needs inputs near the samples.
+
+        An input inside the range of the samples stays. Any other input is moved as near to
+        the middle of the range as possible. The input remains outside if no multiple of the
+        period leads into the range.
 
         Parameters
         ----------
@@ -298,7 +300,8 @@ class PositionSolver:
     ) -> Linearisation:
         """Place the bodies of a train of wheels at given inputs, and unite them.
 
-        A body is a set of links with known relative orientations. The angles of the wheels
+        A body is a set of links with known relative orientations. Once the bodies of the
+        train are placed, they become one body. The angles of the wheels
         follow from the inputs by gear ratios. These angles give the orientations of all
         bodies. Newton's method starts there and closes the loops of the train, which
         contain the contacts of the wheels.
@@ -472,8 +475,9 @@ class PositionSolver:
         """Return the configurations of an assembly mode with pieces at inputs q (n, 1) rad.
 
         Such a mode follows a smooth curve of configurations through crossings with other
-        curves. Between two crossings it coincides with a mode of constant signs of its
-        dyads (groups of two links). The curve consists of these pieces.
+        curves. A dyad (group of two links) can be assembled in two ways, which its sign
+        selects. Between two crossings these signs are constant, and the mode coincides with
+        the mode that has these signs. The curve consists of such pieces.
         """
         piece_numbers = assembly_mode.pieces_at(q[:, 0])
         # The results of the pieces are joined in the order of the pieces. `order` lists the

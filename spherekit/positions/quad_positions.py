@@ -265,11 +265,11 @@ class QuadAssembly:
         return _Bodies(
             body_from_link=self._orient_links_in_bodies(values),
             values=values,
-            # Error bound (rad) of the rotations for exact inputs.
+            # Bound (rad) of the error of the rotations, if the inputs are exact.
             error=np.full(n, ROUNDING_RAD),
-            # Bound (rad) of the difference between an input, a float64 number, and the
-            # number that the user means. Near a dead centre this difference decides whether
-            # the loops close.
+            # Bound (rad) of the rounding errors of the inputs. A user may mean decimal
+            # numbers, and the inputs are these numbers rounded to float64. Near a dead
+            # centre the rounding decides whether the loops close.
             rounding=INPUT_ROUNDING * np.maximum(1.0, np.max(np.abs(q), axis=1)),
             is_out_of_reach=np.zeros(n, dtype=bool),
             is_at_dead_centre=np.zeros(n, dtype=bool),
@@ -524,6 +524,10 @@ def _cosine_difference(
     arc: HalfAngle, sum_square: Array, difference_square: Array
 ) -> Array:
     """Return cos(arc) - a . c for two unit vectors a and c, the outer axes of a dyad.
+
+    The outer axes belong to the pairs that join the dyad to the first body. The caller
+    needs the difference for two arcs. The product of both is minus the square of the triple
+    product of the three axes of the dyad.
 
     Near an arc of 0 or 180 deg, a cosine has few digits of its small distance from 1 or -1.
     The small distances are therefore computed and subtracted.

@@ -466,10 +466,11 @@ class DistinctConfigurations:
 
         - `copy_tolerance`: a configuration that differs by less counts as the same.
         - `is_singular`: whether the group may be movable although the inputs are locked.
-          The number of such configurations is limited.
+          A movable group has infinitely many configurations, so only a few are stored.
 
         Configurations that differ by whole revolutions of wheels count as one. The
-        configuration with the least rolling is added first, and represents the others.
+        configuration whose wheels have rolled least is added first, and represents the
+        others.
 
         Parameters
         ----------
@@ -541,8 +542,8 @@ class DistinctConfigurations:
     def _find_copy(self, configuration: ClosedConfiguration) -> int | None:
         """Return the index of the first stored configuration that is the same, or None.
 
-        Two configurations are the same if all bodies are oriented alike, or if wheels have
-        rolled on by whole revolutions.
+        Two configurations are the same if all bodies are oriented alike, or if they differ
+        only by whole revolutions of wheels that roll on each other.
         """
         if not self._configurations:
             return None

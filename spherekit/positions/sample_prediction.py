@@ -62,7 +62,8 @@ def make_sample_predictor(
 ) -> Callable[[int, int, Floats], None] | None:
     """Return a function that predicts configurations at samples of a path of inputs.
 
-    If samples are close together, the position analysis solves only some of them (nodes).
+    A sample is one set of values of the inputs on the path. If samples are close together,
+    the position analysis solves only some of them (nodes).
     Splines through the nodes predict the configurations at the samples between. The result
     is None if samples are too few or too far apart to save time, if they are a grid, or if
     there is no assembly mode.
@@ -100,12 +101,20 @@ def make_sample_predictor(
         return list(splines)
 
     def predict_samples(start: int, stop: int, out: Floats) -> None:
-        """Write the predicted samples from start up to stop into `out`.
+        """Write the predicted configurations at successive samples into `out`.
 
-        `out` (variables, modes, samples) has one index for each pair variable, assembly
-        mode (way to assemble) and sample, in rad. Inputs are copied from the samples. The
-        other (passive) variables come from splines through solved samples; they are NaN
-        where there is no spline.
+        A sample is one set of values of the inputs on the path. These values are copied
+        into `out`. The other (passive) variables come from splines through the nodes, which
+        are the solved samples. Passive variables are NaN where there is no spline. The
+        caller has to verify the predictions.
+
+        Parameters
+        ----------
+        start, stop
+            Index of the first sample, and the index after the last one.
+        out
+            (variables, modes, samples) array (rad) that is filled. Its indices number the
+            pair variables, the assembly modes (ways to assemble) and the samples.
         """
         out[:] = np.nan
         out[driven] = q[start:stop].T[:, None]

@@ -120,8 +120,8 @@ class Verification:
 
         This test detects steps that jump to another path of configurations. The values and
         derivatives at both ends of a step predict a point about half-way (Hermite
-        polynomial). Newton's method has found the true point. Their distance may be
-        `self.middle` times the step length, plus rounding.
+        polynomial). Newton's method has found the true point. The distance between both
+        points may be at most the part `self.middle` of the step length, plus rounding.
 
         Parameters
         ----------

@@ -145,7 +145,8 @@ class ArcEquations:
     unknown_count, variable_count
         Numbers of unknown angles and of all variables.
     degrees
-        (equations, variables) degrees as trigonometric polynomials.
+        (equations, variables) degree of each equation, a trigonometric polynomial, in each
+        variable.
     pair_frames
         For every pair, its frame in each of its two links. The rows of a frame are the zero
         direction, the side and the axis of the pair.
@@ -164,7 +165,7 @@ class ArcEquations:
     def __init__(
         self, decimal_mechanism: DecimalMechanism, construction: Construction
     ) -> None:
-        """Compute the constants by which each link is placed, in balls.
+        """Compute the constants by which each link is placed, as balls.
 
         A ball is a number with a bound of its error. The equations serve to prove
         statements on the configurations of a mechanism.
@@ -174,22 +175,24 @@ class ArcEquations:
         decimal_mechanism
             The mechanism with its decimal sizes.
         construction
-            The order in which links are placed. A link is placed in one of two ways. One
-            kind of link rotates by a variable about the axis of a pair (joint). A closing
-            link connects two axes of links placed before. A closing link gives an equation:
-            the angle between the two axes is its arc.
+            The order in which links are placed. There are two kinds of links. A link that
+            one pair (joint) joins to a placed link rotates about the axis of this pair. A
+            closing link is joined to two placed links, its parents, by one pair each. It
+            gives an equation: the angle between the two pair axes, as the parents place
+            them, equals the arc between both axes in the closing link.
         """
         self.decimal_mechanism = decimal_mechanism
         self.construction = construction
         self.unknown_count = construction.unknown_count
         self.variable_count = len(construction.pairs)
-        # (equations, variables) degrees of the equations in cos and sin of the angles.
+        # (equations, variables) degree of each equation in cos and sin of each variable.
         self.degrees = construction.degrees
         self.pair_frames = decimal_mechanism.pair_frames()
-        # Toothed wheels turn by a multiple of the input's angle, plus these constants.
+        # Toothed wheels (followers) turn by a multiple of the input's angle, plus these
+        # constants.
         self.follower_offsets = _follower_offsets(decimal_mechanism, construction)
-        # By link: the rotation about its pair, and the constants of each closing link. The
-        # two links that a closing link connects are its parents.
+        # Both dictionaries have links as keys. The first has the rotation of each link with
+        # one parent, the second the constants of each closing link.
         self._rotation_terms = {
             step.link: self._pair_rotation_terms(step)
             for step in construction.steps
@@ -215,7 +218,8 @@ class ArcEquations:
         -------
         (3, 3, 3) matrices T, in balls (numbers with error bounds). T[0] + cos(x) T[1] +
         sin(x) T[2] rotates from link axes to the axes of the parent. The angle of the pair
-        is x, or x plus a constant offset for a pair in `follower_offsets`.
+        is x. The angle of a follower, a pair that the input drives through toothed wheels,
+        is x plus a constant offset.
         """
         (pair,) = step.pairs
         terms = revolute_rotation_terms(*self.pair_frames[pair])
@@ -225,7 +229,7 @@ class ArcEquations:
             # is the first one, so the rotation is transposed.
             terms = terms.swapaxes(1, 2)
         if pair in self.follower_offsets:
-            # Toothed wheels drive the pair. The rotation by the offset becomes part of T.
+            # The pair is a follower. The rotation by its offset becomes part of T.
             terms = _shift_angle(terms, self.follower_offsets[pair])
         return terms
 
@@ -525,13 +529,15 @@ def _lower_sine_bound(sine_squared: Ball) -> float:
 def _follower_offsets(
     decimal_mechanism: DecimalMechanism, construction: Construction
 ) -> dict[int, Ball]:
-    """Return the constant parts of the angles that the input drives through wheels.
+    """Return the constant parts of the angles of pairs that wheels drive.
 
     A follower is a pair (joint) that the only input drives through toothed wheels. Its
-    angle is a multiple of the input angle plus a constant, the offset. The equations rotate
-    the link of the pair by the multiple, and by the offset as a constant angle.
+    angle is a multiple of the input angle plus a constant, the offset. If input and
+    followers share one variable, the variable gives only the multiple. The equations then
+    rotate the link of the follower by the offset, too.
 
-    The result is empty if there are no wheels, or if the follower angles are variables.
+    The result is empty if there are no wheels. It is also empty if each follower has a
+    variable of its own, because this variable is the whole angle.
 
     Parameters
     ----------
@@ -615,8 +621,8 @@ def _rotation_jet(
 
     Returns
     -------
-    The (3, 3) matrix under the key (), its first derivative with respect to the variable
-    under (j,) and its second derivative under (j, j).
+    The `Jet` of the rotation: the (3, 3) matrix under the key (), its first derivative with
+    respect to the variable under (j,) and its second derivative under (j, j).
     """
     factor = step.angle_factor
     j = step.variable

@@ -34,8 +34,9 @@ def exact_inertia(rows: ExactRows) -> tuple[Array, Array]:
     ValueError
         If the rows were computed without derivatives.
     """
-    # `slopes` are the derivatives of the angular velocities with respect to the input.
-    # Reading them raises the ValueError if they are missing.
+    # All balls are computed with the digits of `rows.arithmetic`. `slopes` are the
+    # derivatives of the angular velocities with respect to the input. Reading them raises
+    # the ValueError if they are missing.
     with rows.arithmetic.within():
         return equivalent_inertia(rows.mechanism, rows.rotations, rows.w, rows.slopes)
 

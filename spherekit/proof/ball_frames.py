@@ -176,8 +176,9 @@ def frames_from_pose(
     Parameters
     ----------
     geometry
-        The axes in float64. For each pair they show which coordinate axis is farthest from
-        the pair axis. The zero direction is perpendicular to these two axes.
+        The axes in float64. The zero direction of a pair is perpendicular to the pair axis
+        and to the coordinate axis that is farthest from it. The axes in float64 decide
+        which coordinate axis this is.
     axes
         By pair: its unit axis in the reference pose, as balls.
     values

@@ -66,8 +66,9 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
     - "roots" are all proven complex roots, real roots among them.
     - "bound" is the largest possible number of complex roots. If as many are listed,
       "counted" is true, and none is missing.
-    - "complete" is true if no real root is missing. Other ways to prove this are "systems",
-      parts of the equations with all their solutions, and a search of all angles by boxes.
+    - "complete" is true if no real root is missing. There are two other ways to prove this:
+      "systems", and a search of all angles by boxes.
+    - "systems" are parts of the equations with all their solutions.
     - "undecided_rad" are the boxes that may contain further real roots.
     - "precision_bits" are the bits of the numbers in the proof.
     """
@@ -133,9 +134,9 @@ def _construction_table(
 def _step_tables(structure: Structure, construction: Construction) -> list[dict[str, Any]]:
     """Return for a certificate how each link is placed, in order.
 
-    The root, which is placed first, is left out. Each dictionary has the name of the link,
-    the one or two links placed before to which it is joined ("on"), and the pairs that join
-    it to these ("by").
+    The root is the link that is placed first. It is left out. Each dictionary has the name
+    of the link, the names of the one or two links placed before to which it is joined
+    ("on"), and the names of the pairs that join it to those links ("by").
     """
     return [
         {
@@ -341,7 +342,7 @@ def map_certificate(input_map: InputMap) -> dict[str, Any]:
     proof. The map divides the ranges of the inputs into boxes. A box is regular if none of
     its configurations is singular with locked inputs (type II). The number of assembly
     modes (ways to assemble the mechanism) is then the same everywhere in the box. "shares"
-    are the parts of the whole area that each kind of box has.
+    has for each kind of box the part of the area of all boxes that this kind covers.
 
     "construction" is the order in which links are placed. "systems" are the systems of loop
     equations that are solved one after another.
@@ -530,8 +531,8 @@ def _system_solution_table(
 ) -> dict[str, Any]:
     """Return all solutions of a system of equations at one set of given angles.
 
-    The unknown angles are the variables of this system. Given angles are unknowns of other
-    systems.
+    The equations are solved in several systems. A system is solved for its unknown angles.
+    Its given angles are unknowns of other systems.
 
     Parameters
     ----------

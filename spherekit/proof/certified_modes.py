@@ -408,11 +408,12 @@ class _RootSearch:
         known roots to these equations. Up to `HOMOTOPY_SEEDS` homotopies with different
         random numbers are tried. The search ends as soon as one of these is true:
 
-        1. As many roots are proven as there can be.
-        2. As many finite roots are approximated as there can be. The caller may still prove
-           them with more bits.
-        3. No real root is missing. To prove this, the equations are divided into small
-           systems, which are solved one after another (`_find_complete_systems`).
+        1. The number of proven roots reaches the largest possible number of roots.
+        2. The number of approximated finite roots reaches the largest possible number. The
+           caller may still prove these roots with more bits.
+        3. It is proven that no real root is missing. For this proof, the equations are
+           divided into small systems, which are solved one after another
+           (`_find_complete_systems`).
 
         Returns
         -------

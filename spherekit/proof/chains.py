@@ -116,6 +116,8 @@ def _may_be_between(
 ) -> bool:
     """Return whether a curve may pass a configuration between the centres of two arcs.
 
+    The caller tests in this way whether a curve may pass its start a second time.
+
     Parameters
     ----------
     configuration
@@ -227,12 +229,14 @@ def find_piece_ahead(
 def _find_next_piece(equations: ArcEquations, last: CertifiedArc) -> CertifiedArc | None:
     """Return the arc that continues a chain after its last arc, None if none is proven.
 
-    A chain is a configuration curve as a row of certified arcs, each in a box that contains
-    no other configurations. The next arc has its centre ahead on the tangent. Shorter and
-    shorter distances are tried, until an arc can be proven.
+    A chain is a configuration curve as a row of certified arcs (pieces), each in a box that
+    contains no other configurations. The centre of the next arc is searched ahead of the
+    centre of the last arc, on its tangent. Shorter and shorter distances between both
+    centres are tried, until an arc can be proven.
     """
-    # The distance, divided by the half length of the last arc.
+    # The distance between both centres, divided by the half length of the last arc.
     ratio = NEXT_CENTRE_RATIO
+    # An arc is at most `LENGTH_GROWTH` times as long as the one before.
     longest_half_length = min(LONGEST_ARC_RAD, LENGTH_GROWTH * last.half_length)
     while ratio > MIN_CENTRE_RATIO:
         position = last.centre + ratio * last.half_length * last.tangent

@@ -578,16 +578,18 @@ class Crossings:
     def is_constant(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
         """Return whether a variable is proven to be constant along a configuration curve.
 
-        False only means that nothing is proven. The proof uses one arc of the curve, the
-        middle one:
+        If the input is constant, for example, the mechanism moves along the curve while
+        the input is locked. False only means that nothing is proven.
+
+        The curve is given as a chain of certified arcs. The proof uses the middle one:
 
         1. The equation of a loop of four pairs contains two of its pair angles, x and y. At
            certain values of x it holds for all y
            (`FourPairLoop.angles_that_free_other_variable`). These configurations form a
            curve along which x is constant.
-        2. A configuration of this curve is inside the box of the arc.
-        3. The box contains only configurations of the arc. So the arc, and with it the
-           whole curve, is the curve of step 1.
+        2. A configuration of this curve is inside the box of the middle arc.
+        3. The box contains only configurations of the arc. So the arc is a piece of the
+           curve of step 1, and the variable is constant along the whole chain.
 
         Parameters
         ----------
@@ -597,16 +599,17 @@ class Crossings:
             Index of the variable.
         """
         middle_piece = pieces[len(pieces) // 2]
-        # The loops of four pairs in which all arcs are known exactly.
+        # `loops` has only loops of links whose sizes are known exactly.
         for loop in self.loops:
             if variable not in loop.variables:
                 continue
-            # A configuration near the arc, on a curve as in step 1 with this variable as x.
-            # None if there is none.
+            # A configuration near the centre of the middle arc, on a curve as in step 1
+            # with this variable as x. None if no such configuration is found.
             configuration = self._find_on_constant_curve(
                 loop, variable, middle_piece.centre
             )
-            # The first loop with such a configuration decides.
+            # Later loops are not tried. The result may be False although the variable is
+            # constant.
             if configuration is not None:
                 return _is_inside_box(configuration, middle_piece)
         return False

@@ -163,9 +163,10 @@ class CertifiedCurves:
     def locate_stationary_points(self, variable: int) -> list[StationaryPoints]:
         """Return for each configuration curve the points at which a variable is stationary.
 
-        A curve is stored as a chain of boxes with one arc each. Points are either proven,
-        or undecided: the variable may be stationary there. Curves along which the variable
-        is constant have no points in the result.
+        The points are singularities: of type I for the variable of an output, of type II
+        for the input. A curve is stored as a chain of boxes with one arc each. A point is
+        either proven, or it is undecided whether the variable is stationary there. Curves
+        along which the variable is constant have no points in the result.
         """
         points_of_chains = []
         with working_precision(CURVE_PRECISION_BITS):
@@ -244,9 +245,10 @@ class CertifiedCurves:
     ) -> list[tuple[float, float]]:
         """Return the inputs near a position as intervals (low, high) rad.
 
-        All links return to the same place after a cycle of `cycle_turns` turns of the
-        input. So the interval of inputs near the position repeats after each cycle. The
-        result has the repetitions that overlap the range.
+        `undecided_ranges` collects these intervals where modes cannot be counted. All links
+        return to the same place after a cycle of `cycle_turns` turns of the input. So the
+        interval of inputs near the position repeats after each cycle. The result has the
+        repetitions that overlap the range of inputs from `low` to `high`.
 
         Parameters
         ----------
@@ -271,25 +273,27 @@ class CertifiedCurves:
         return [(centre - half_width, centre + half_width) for centre in middles]
 
     def bound_saddle_doubts(self, variable: int) -> list[float]:
-        """Return the size of the region around each saddle where a variable may rest.
-
-        Elsewhere near the saddle, the variable is proven not to be stationary. A region of
-        size above 0 remains undecided.
+        """Return, for each saddle, a range of a variable in which it may be stationary.
 
         A saddle is a place where two configuration curves cross or narrowly miss each
-        other. Four branches of curves, its arms, leave it. Curves that miss each other bend
-        between two arms, in the central zone. The variable may be stationary
+        other. Elsewhere near the saddle, the variable is proven not to be stationary.
+        Callers count the range as undecided, unless its width is 0.
+
+        Four branches of curves, the arms, leave a saddle. Curves that miss each other bend
+        from one arm to another in the central zone of the saddle. The variable may be
+        stationary
 
         - in the central zone, unless the curves are proven to cross, or the variable is
           proven to be monotonic there,
-        - on an arm, unless the sign of its rate is proven there.
+        - on an arm, unless the sign of the rate of the variable is proven there.
 
         Curves along which the variable is constant are left out.
 
         Returns
         -------
-        For each saddle the largest change (rad) of the variable from its centre. The change
-        is 0 if the variable can only be stationary at the crossing itself.
+        For each saddle the half width (rad) of the range. The middle of the range is the
+        value of the variable at the centre of the saddle. The half width is 0 if the
+        variable can only be stationary at the crossing itself.
         """
         # For each saddle its arms on curves along which the variable is not constant. An
         # arm is named by its quadrant: the signs of the saddle's two coordinates u and v.
@@ -492,12 +496,15 @@ class CertifiedCurves:
     def _shortest_interval(self) -> float:
         """Return the length (rad) that an interval of the input must exceed.
 
-        Modes are counted in the intervals between turning points, where the input turns
-        back. Turning points are known with an error. A shorter interval may exist only
-        because of these errors: it is shorter than twice the largest error.
+        `intervals` cuts the range of the input, for example at turning points, where the
+        input turns back. It counts the assembly modes in each interval between two cuts.
+        The position of a turning point has an error. Two turning points that are nearer
+        than twice the largest error may coincide, and then no interval is between them. So
+        `intervals` leaves out shorter intervals. The result is at least
+        `SHORTEST_INTERVAL_RAD`.
         """
-        # `point.error` is the error of the variable in the equations. The input is
-        # `cycle_turns` times this variable.
+        # The equations contain the input divided by `cycle_turns`. `point.error` is the
+        # error of this quotient, so the error of the input is `cycle_turns` times as large.
         input_errors = [
             point.error * self.cycle_turns
             for points in self.input_stationary_points

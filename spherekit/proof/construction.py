@@ -88,8 +88,9 @@ class PlacementStep:
     def has_two_parents(self) -> bool:
         """Whether the link is put on the axes of two placed links (its parents).
 
-        Such a closing link gives one equation: the arc between both axes equals the arc of
-        the link. Any other link rotates about the axis of one pair.
+        Such a closing link gives one equation: the angle between the axes of both placed
+        links equals the angle between the two axes of the closing link. Any other link
+        rotates about the axis of one pair.
         """
         return len(self.pairs) == 2
 
@@ -250,8 +251,9 @@ class Construction:
         lists the indices of its equations, and the indices of as many unknowns. All further
         unknowns in these equations follow from earlier systems.
         """
-        # (equations, unknowns) whether an equation contains an unknown, that is, whether it
-        # has a degree in this unknown. Unknowns that have a system are removed below.
+        # (equations, unknowns) whether an equation contains an unknown, that is, whether
+        # its degree in this unknown is above 0. Unknowns that have a system are removed
+        # below.
         has_unknown = self.degrees[:, : self.unknown_count] > 0
         # Indices of the equations that have no system yet.
         open_equations = list(range(len(has_unknown)))
@@ -299,16 +301,19 @@ def _place_on_two_axes(
 ) -> LinkPlacement:
     """Return the degrees of the orientation of a link that is put on two axes U and W.
 
-    The orientation is a polynomial in the cosines and sines of the variables. Such a
-    polynomial has one degree for each variable. U and W are the axes of two pairs (joints)
-    in links placed before, the parents. The orientation of the link is
-    U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n. Degrees of products add
-    up. So U x W has the degrees of U plus the degrees of W, and no other term has more.
+    The orientation is a polynomial in the cosines and sines of the variables, with one
+    degree for each variable. The degrees limit the number of solutions of the equations.
+
+    U and W are the axes of two pairs (joints) in links placed before, the parents. The
+    orientation of the link is U a^T + W b^T + (U x W) n^T, with constant vectors a, b and
+    n. Degrees of products add up. So U x W has the degrees of U plus the degrees of W, and
+    no other term has more.
 
     Parameters
     ----------
     placements
-        The references and degrees of the links that are placed before, by link index.
+        By link index, for the links that are placed before: the reference (link relative to
+        which the orientation is stated), and the degrees of the orientation.
     step
         The step that puts the link on two axes.
     """
@@ -359,18 +364,21 @@ def permanent(matrix: Indices) -> int:
     """Return the permanent of a square matrix.
 
     The permanent is the sum, over all permutations, of the products of one entry from each
-    row and column. Of a matrix of degrees, it bounds the number of solutions of equations.
+    row and column. The callers use it for Bezout's bound of the number of solutions of
+    polynomial equations. Entry (i, k) is then the degree of equation i in unknown k, and
+    the permanent is the bound.
 
-    The rows are taken one by one. For each set of columns that the rows so far can use, the
-    sum of the products is stored.
+    The rows are taken one by one. The entries of the rows so far come from different
+    columns. For each possible set of these columns, the sum of the products is stored.
     """
-    # Sums of products by the set of used columns. Bit k of the set is 1 if it has column k.
+    # Sums of products by the set of used columns. Bit k is 1 if column k is in the set.
     sums = {0: 1}
     for row in matrix.tolist():
         extended_sums: dict[int, int] = defaultdict(int)
         for used_columns, sum_of_products in sums.items():
             for column, entry in enumerate(row):
-                if entry and not used_columns >> column & 1:
+                is_used = used_columns >> column & 1
+                if entry and not is_used:
                     extended_sums[used_columns | 1 << column] += sum_of_products * entry
         sums = extended_sums
     all_columns = (1 << len(matrix)) - 1

@@ -89,8 +89,9 @@ class Harmonics:
         Parameters
         ----------
         degrees
-            (k, v) degree m of each of k equations in each of v angles. The equation is a
-            sum of waves: products of one factor e^(i j angle) for each angle, j = -m ... m.
+            (k, v) degree m of each of k equations in each of v angles. An equation is a sum
+            of waves: products with one factor e^(i j angle) for each angle. With the degree
+            m in an angle, the whole numbers j are from -m to m.
         evaluate
             Function that returns the values (k,) of all equations at balls (rad) of all
             angles. A ball is a number with a bound of its error.
@@ -136,16 +137,17 @@ class Harmonics:
         # point.
         waves = _evaluate_waves(circle_points, self.max_degree, order)
         for equation, coefficients in enumerate(self.coefficients):
-            # Indices of the variables that occur in the equation. The degree m of a
-            # variable is the highest multiple of its angle.
+            # Indices of the variables that occur in the equation.
             variables = np.flatnonzero(self.degrees[equation])
-            # The coefficients have an axis of length 2 m + 1 for each variable. `squeeze`
-            # removes the axes of length 1, of variables that do not occur.
+            # The coefficients have an axis of length 2 m + 1 for each variable. Its degree
+            # m is the highest multiple of its angle in the equation. `squeeze` removes the
+            # axes of length 1, of variables that do not occur.
             coefficients_that_occur = np.squeeze(coefficients)
             # Values and derivatives of the equation at the points. `sums` has an axis for
             # each variable that occurs. The index on this axis is the order of the
             # derivative with respect to the variable. The points are the last axis. Waves
-            # above the degree m of a variable are left out in `_sum_waves`.
+            # above the degree m of a variable are left out in `_sum_waves`. The values of
+            # the equations are real, so the imaginary parts are only rounding errors.
             sums = _sum_waves(coefficients_that_occur, waves[variables]).real
             # `_select_derivative` returns the derivative (n,) with respect to the variables
             # with the given positions in `variables`. Without positions it returns the

@@ -118,14 +118,15 @@ class InputMap:
 
         The map divides the ranges of the inputs into boxes, and some are proven to be free
         of type II (regular). The result is the distance of q (inputs,) rad from the nearest
-        other box, or from the end of a range. The result is 0 if q is in such a box.
+        box that is not regular, or from the end of a range. It is 0 if q is in a box that
+        is not regular, or outside the ranges.
         """
         # Distances (boxes, inputs) of q from each box along each input, negative inside.
         distances = np.abs(self.centres - q) - self.radii
         low = np.min(self.centres - self.radii, axis=0)
         high = np.max(self.centres + self.radii, axis=0)
-        # The largest of the distances in all directions counts: a point is in a box only if
-        # no distance is positive.
+        # A point is in a box only if its distances along all inputs are at most 0. So the
+        # largest of them tells how far the inputs must change to reach the box.
         gaps = np.max(distances[self.kind != REGULAR], axis=1)
         # 1e-12 rad covers the rounding of the boxes.
         return max(np.min([*gaps, *(q - low), *(high - q)]) - 1e-12, 0.0)

@@ -113,8 +113,9 @@ def _contact_kinematics(
     curves
         The profile of each link in link axes.
     variables
-        For each curve the index (0 or 1) of the variable of the pair that is the arc length
-        along this curve. In rolling, both curves have the same variable.
+        The pair has one or two variables, which are arc lengths. For each curve this is the
+        index (0 or 1) of the variable that belongs to it. In rolling, both curves have the
+        same variable.
     starts
         (2,) arc length (rad) of each curve where its variable is 0.
     """

@@ -262,7 +262,8 @@ class EquationSystem:
 
         An equation is stored as a Fourier sum over all angles. Inserting given angles
         leaves a polynomial in the unknowns. Its coefficients have two errors: that of the
-        stored sum, and the rounding by the insertion.
+        stored sum, and the rounding by the insertion. One bound of each equation holds for
+        all its coefficients and their derivatives.
 
         Parameters
         ----------
@@ -272,7 +273,7 @@ class EquationSystem:
 
         Returns
         -------
-        (equations,) bounds of the errors of all coefficients and derivatives.
+        (equations,) one bound for each equation.
         """
         # Each coefficient is a sum of rounded terms.
         rounding_errors = []

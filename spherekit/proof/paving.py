@@ -259,7 +259,8 @@ def subdivide(
     examine
         Function that examines boxes and returns those to be examined next, for example the
         halves of undecided boxes. The function stores its results itself. Its second
-        argument is the number of boxes examined so far, including these.
+        argument is the number of boxes examined so far, including these. From this number
+        the function can tell that a limit is exceeded.
 
     Returns
     -------

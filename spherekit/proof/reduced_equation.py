@@ -315,7 +315,12 @@ class ReducedEquation:
         return solve_balls(self._border(slopes), right_sides)
 
     def _solve_second_order(self, slopes: Array, curvatures: Array, rates: Array) -> Array:
-        """Return second derivatives of (z, g) in three directions: Newton's step, u and v.
+        """Return second derivatives of (z, g) with respect to three parameters s, u and v.
+
+        z are the variables, and g(u, v) is a function that is 0 at configurations. The
+        first derivatives with respect to s are a step of Newton's method (see below). The
+        second derivatives of g with respect to u and v are its Hessian. Its derivatives
+        with respect to s and u, or s and v, tell how the step changes the slopes of g.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
@@ -325,11 +330,10 @@ class ReducedEquation:
         v. Where g(u, v) is 0, z is a configuration.
 
         Up to constants, the coordinates are u = a . z and v = b . z, with constant vectors
-        a and b. A given z has an error r = F(z) - g l, which a step of Newton's method with
-        constant u and v removes. Let s be the part of the step that is done, from 0 to 1.
-        Then z and g are functions of three parameters s, u and v, with
-        F(z) - g l = (1 - s) r. The second derivatives of this equation with respect to two
-        parameters i and j are
+        a and b. A given z has an error r = F(z) - g l, which a step of Newton's method
+        removes with constant u and v. Let s, from 0 to 1, be the part of the error that is
+        removed: F(z) - g l = (1 - s) r. This equation makes z and g functions of s, u and
+        v. Its second derivatives with respect to two of these parameters, i and j, are
 
             F' z_ij - g_ij l = -F''(z_i, z_j),   a . z_ij = 0,   b . z_ij = 0.
 

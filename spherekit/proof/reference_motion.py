@@ -642,8 +642,11 @@ class ExactSimulation:
         """Return the closed configurations at given values of the coordinate.
 
         The coordinate is the variable that describes the motion. Newton's method computes
-        the other variables in many digits, from the float64 solution. Numbers have the type
-        of balls (numbers with a bound of their error), but bounds are not computed here.
+        the other variables in many digits, and starts from the float64 solution. The caller
+        needs them to place the links and to compute velocities.
+
+        The results are stored as balls (numbers with a bound of their error), but these
+        bounds are not computed here.
 
         Parameters
         ----------
@@ -1002,8 +1005,9 @@ class ExactSimulation:
     def _bisect(self, coefficients: Array, low: Ball, high: Ball) -> Ball:
         """Return where a Legendre series becomes negative between two positions.
 
-        The method is bisection. The result is the upper end of the last interval, so the
-        series is negative there.
+        The series is a condition that changes its sign during a time step. The caller needs
+        the time of the change in all digits. The method is bisection. The result is the
+        upper end of the last interval, so the series is negative there.
 
         Parameters
         ----------

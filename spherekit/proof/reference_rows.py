@@ -293,7 +293,8 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
     1. If the row of the motion has failed, its own status. A row that is OK, but not
        finite, is NOT_CONVERGED, since Newton's method cannot start from it.
     2. MODE_LOST: the solution may be in another assembly mode (way to assemble the
-       mechanism). The solution is too far from the row, or another solution may be as near.
+       mechanism). The solution is too far from the row, or another solution may be equally
+       near to the row.
     3. NOT_CLOSED: the loops of the solution are open.
     4. The status of Newton's method.
 

@@ -250,8 +250,9 @@ def _choose_uniqueness_radius(equations: ArcEquations, x: Array, slopes: Array) 
 
         |Y (F'(z) - F'(x))| <= |Y| r (sum of all |F''| of each equation) <= 1/5.
 
-    F'' is taken at x, so the estimate is rough. The proof itself computes F' in the ball,
-    and is valid for any r.
+    The sum has the absolute values of all second derivatives of an equation. They are taken
+    at x, so the estimate is rough. The proof itself computes F' in the ball, and is valid
+    for any r.
 
     Parameters
     ----------
@@ -269,12 +270,16 @@ def _choose_uniqueness_radius(equations: ArcEquations, x: Array, slopes: Array) 
 
 
 def _bound_sum_of_second_derivatives(equations: ArcEquations, x: Array) -> Floats:
-    """Return for each equation a bound (k,) of the sum of its second derivatives at x.
+    """Return for each equation a bound (k,) of its summed second derivatives at x.
+
+    The absolute values of all second derivatives are summed. The caller derives from the
+    bound how far from x the first derivatives change little.
 
     An equation is a trigonometric polynomial of degree d_i in angle i. At real angles its
-    second derivative with respect to the angles i and j is at most C d_i d_j, with a
-    constant C (`derivative_bound`). The sum over all i and j is C (sum of d)^2. Complex
-    angles, with imaginary parts y, increase it by the factor exp(sum of d ``|y|``).
+    second derivative with respect to the angles i and j has at most the size C d_i d_j,
+    with a constant C (`derivative_bound`). The sum over all i and j is at most
+    C (sum of d_i)^2. Complex angles, with imaginary parts y_i, increase the bound by the
+    factor exp(sum of d_i ``|y_i|``).
 
     Parameters
     ----------

@@ -152,9 +152,12 @@ class ChartRoots:
     def pairwise_gaps(self, count: int) -> Floats:
         """Return the distances between the roots of each row, including roots at infinity.
 
-        A row is one set of values of the given variables (inputs, and unknowns that were
-        solved before). A coordinate e^(i angle) of a root is written as a fraction a / b:
-        as z / 1, or as 1 / z if its inverse z is stored. Two coordinates a / b and c / d
+        The distances show which roots differ. A row is one set of values of the given
+        variables (inputs, and unknowns that were solved before).
+
+        A coordinate e^(i angle) of a root is stored as a number z: the coordinate itself,
+        or its inverse. It is written as a fraction a / b: as z / 1, or as 1 / z if the
+        inverse is stored. At infinity the inverse z is 0. Two coordinates a / b and c / d
         are equal if their gap |a d - c b| is 0. As |z| is at most about 1, the gap is at
         most about 2.
 
@@ -217,16 +220,18 @@ class ChartRoots:
     def first_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
         """Return the first derivatives of polynomials with respect to the stored z.
 
-        `z` (n, k) has, for each of n points and k unknowns, e^(i angle) if its magnitude is
-        at most 1, and the inverse otherwise.
+        The attribute `z` (n, k) has, for each of n points and k unknowns, x = e^(i angle)
+        if its magnitude is at most about 1, and 1 / x otherwise. Where z = 1 / x, the
+        polynomial is multiplied by a power of z, so that it is a polynomial in z (see
+        `evaluate`).
 
         Parameters
         ----------
         polynomials
             For each polynomial P an array (m, ..., size_1, ..., size_k) of coefficients.
-            The first axis numbers m sets of coefficients, for different inputs. Each point
-            uses the set with the index `row`. The last k axes are the powers of the k
-            unknowns. Any axes between remain in the result.
+            The first axis numbers m sets of coefficients, for different inputs. The
+            attribute `row` (n,) has for each point the index of its set. The last k axes
+            are the powers of the k unknowns. Any axes between remain in the result.
 
         Returns
         -------
@@ -244,16 +249,21 @@ class ChartRoots:
     def second_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
         """Return the second derivatives of polynomials with respect to the stored z.
 
-        `z` (n, k) has, for each of n points and k unknowns, e^(i angle) if its magnitude is
-        at most 1, and the inverse otherwise.
+        They show how much the first derivatives change near a point. The test that a root
+        is the only one there needs this.
+
+        The attribute `z` (n, k) has, for each of n points and k unknowns, x = e^(i angle)
+        if its magnitude is at most about 1, and 1 / x otherwise. Where z = 1 / x, the
+        polynomial is multiplied by a power of z, so that it is a polynomial in z (see
+        `evaluate`).
 
         Parameters
         ----------
         polynomials
             For each polynomial P an array (m, ..., size_1, ..., size_k) of coefficients.
-            The first axis numbers m sets of coefficients, for different inputs. Each point
-            uses the set with the index `row`. The last k axes are the powers of the k
-            unknowns. Any axes between remain in the result.
+            The first axis numbers m sets of coefficients, for different inputs. The
+            attribute `row` (n,) has for each point the index of its set. The last k axes
+            are the powers of the k unknowns. Any axes between remain in the result.
 
         Returns
         -------
@@ -283,8 +293,8 @@ class ChartRoots:
         ----------
         coefficients
             (m, ..., size_1, ..., size_k) coefficients of the powers of the k unknowns, for
-            m sets of inputs. Axes between m and size_1 remain in the result: the polynomial
-            may have vectors or matrices as coefficients.
+            m sets of inputs. Each point belongs to one set. A coefficient may be a vector
+            or a matrix. Its axes are those between m and size_1, and remain in the result.
         unknowns
             Indices of the unknowns with respect to which the polynomial is differentiated.
             (0, 0) is the second derivative with respect to unknown 0; an empty tuple is the
@@ -292,7 +302,7 @@ class ChartRoots:
 
         Returns
         -------
-        (n, ...) where the dots are the axes between.
+        (n, ...) where the dots are the axes of a coefficient.
         """
         # `row` has for each point the index of its set of inputs. So the n points become
         # the first axis.
@@ -368,9 +378,12 @@ class PolynomialValues:
     """The k polynomials P of a system and their first derivatives at n points.
 
     The unknowns are numbers x = e^(i angle) of real or complex angles. A number z with a
-    magnitude of at most 1 is stored: x itself, or 1 / x. In the latter case the polynomial
-    in x is multiplied by a power of z, so that P is a polynomial in z. The coefficients
-    depend on given angles: inputs, and unknowns that were solved before.
+    magnitude of at most about 1 is stored: x itself, or 1 / x. In the latter case x = 1 / z
+    is inserted into the polynomial. The result is multiplied by a power of z that removes
+    negative powers, so that P is a polynomial in z. The coefficients depend on given
+    angles: inputs, and unknowns that were solved before.
+
+    Newton's method improves approximate roots with these values and derivatives.
 
     Attributes
     ----------
@@ -468,21 +481,22 @@ class ChangeBounds:
     """Bounds of errors and changes of the k polynomials P of a system near n roots.
 
     P depends on k unknowns z and on given variables g: inputs, and unknowns that were
-    solved before. The bounds are valid for all z within some radius about the approximate
-    root z0, and for all g in a box of the inputs with the centre g0. `enclose_roots` uses
-    them to prove that there is exactly one root near each approximation. P_z and P_g are
-    the derivatives at z0 and g0.
+    solved before. The inputs vary in a box, and g0 is the value of g at the centre of the
+    box. The bounds are valid for all z within some radius about the approximate root z0,
+    and for all g in the box. `enclose_roots` uses them to prove that there is exactly one
+    root near each approximation.
 
     Attributes
     ----------
     value_error
-        (n, k) bound of the errors of computed values of P.
+        (n, k) bound of the errors of computed values of P within the radius.
     slope_change
-        (n, k, k) bound of the difference of the derivatives with respect to z from P_z.
-        Axes: root, equation, unknown.
+        (n, k, k) bound of the change of the derivatives of P with respect to z, from their
+        values at (z0, g0). Axes: root, equation, unknown.
     drift
-        (n, k) bound of the mean change of P_g on the line from (z0, g0) to (z, g), times
-        the change of g.
+        (n, k) bound of how much P changes because its derivatives P_g with respect to g are
+        not constant. On the line from (z0, g0) to (z, g) this is the mean change of P_g,
+        times the change of g.
     """
 
     value_error: Floats

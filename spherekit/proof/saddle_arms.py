@@ -176,13 +176,18 @@ class DirectionRates:
     """The gradient of g and the signs of rates in one direction from a saddle.
 
     A saddle is a place where two configuration curves cross or nearly do. In coordinates u
-    and v they are the curves g(u, v) = 0, with the saddle at u = v = 0. The gradient of g
-    is perpendicular to a curve, so the tangent is (-g_v, g_u). Rates are derivatives of the
-    variables of the mechanism along the tangent.
+    and v they are the curves g(u, v) = 0, with the saddle at u = v = 0. A direction is a
+    straight line that leaves the saddle. It consists of the points with the same ratio
+    v / u, on one side of the saddle. A curve that passes through one of these points has
+    the tangent (-g_v, g_u) there, perpendicular to the gradient of g. Rates are derivatives
+    of the variables of the mechanism along this tangent. Their signs say which variables
+    grow and which fall. `SectorRates` derives from the signs in two directions those in all
+    directions between them.
 
-    The gradient is computed at one point of the direction, (1, slope) or (-1, -slope). g
-    counts as a quadratic form, so its gradient is proportional to the distance from the
-    saddle. Therefore all points in the direction have the same signs.
+    The gradient is computed at one point of the direction, (1, slope) or (-1, -slope). It
+    is taken to be a linear function of u and v, up to a bounded error. So it is
+    proportional to the distance from the saddle, and all points in the direction have the
+    same signs.
 
     Attributes
     ----------
@@ -200,8 +205,9 @@ class DirectionRates:
     def opposite(self) -> "DirectionRates":
         """Return the gradient and the signs of rates in the opposite direction (-u, -v).
 
-        The gradient of a quadratic form g(u, v) is opposite there. So are the tangent
-        (-g_v, g_u) and the rates of all variables along it.
+        The gradient of g, a linear function of u and v up to a bounded error, has the
+        opposite sign there. So have the tangent (-g_v, g_u) and the rates of all variables
+        along it.
         """
         return DirectionRates(-self.g_u, -self.g_v, -self.signs)
 
@@ -410,7 +416,8 @@ def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) ->
     -------
     (variables,) bounds (rad) of the changes, divided by the larger of |u| and |v|.
     """
-    # The points of the arm at which any linear function of u and v is largest.
+    # A linear function of u and v has its largest magnitude, relative to max(|u|, |v|), in
+    # the direction of one of these points.
     points = _list_extreme_points(slope_bounds)
     # (variables, points) = (variables, 2) times (2, points). The derivatives are balls
     # (numbers with a bound of their error) that contain all values near the saddle.
@@ -419,14 +426,18 @@ def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) ->
 
 
 def _list_extreme_points(slope_bounds: SlopeBounds) -> list[Floats]:
-    """Return the points at which linear functions of u and v may be largest on an arm.
+    """Return points (u, v) that bound all linear functions of u and v on an arm.
 
     An arm is a curve on which the slope v / u is between two bounds of the same sign,
-    `flat` and `steep`. Each point (u, v) of the arm is divided by the larger of |u| and
-    |v|. The quotient is on the border of a square. Between both slopes this border is a
-    straight line, or two lines that meet at a corner. The magnitude of a linear function is
-    largest at an end of a line. The returned points (2,) have u > 0. At the opposite
-    points, linear functions have the same magnitudes.
+    `flat` and `steep`. A linear function a u + b v is proportional to the size of (u, v),
+    here the larger of |u| and |v|. So it is enough to examine points of size 1. If the
+    magnitude of the function is at most c at the returned points, it is at most c times
+    the size at all points of the arm.
+
+    The points of size 1 are the border of a square. Between both slopes the border is a
+    straight line, or two lines that meet at a corner of the square. The magnitude of a
+    linear function is largest at an end of a line. The ends are returned as vectors (2,)
+    with u > 0. At the opposite points, linear functions have the same magnitudes.
     """
     low, high = sorted((slope_bounds.flat, slope_bounds.steep))
     slopes = [low, high]
@@ -549,17 +560,22 @@ def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) ->
 
     The arcs are configurations with g(u, v) = 0, where g = level + Q(u, v) / 2 + error,
     with a quadratic form Q. The computed saddle u = v = 0 is not exact, so g has a small
-    gradient there, with components of at most s. This is the only error, because the
-    coefficients of Q are balls that contain the second derivatives at all points. Let m be
-    the larger of |u| and |v|.
+    gradient there, with components of at most s. This is the only error: the coefficients
+    of Q are balls that contain the second derivatives everywhere in the rectangle about the
+    saddle, so Q has no error of its own.
+
+    Let m be the larger of |u| and |v|. In each direction from the saddle, Q is proportional
+    to m^2 and its gradient to m. The caller examines directions, so the errors are divided
+    by m^2 and by m.
 
     - The gradient adds at most s |u| + s |v| <= 2 s m to g. So Q, which has the factor
-      1 / 2 in g, differs from -2 level by at most 4 s m. `relative_form_error` is this
-      error divided by m^2, 4 s / m.
-    - The derivatives of g with respect to u and v have an error of at most s.
-      `relative_gradient_error` is this error divided by m, s / m.
+      1 / 2 in g, differs from -2 level by at most 4 s m. Divided by m^2, this is
+      `relative_form_error`, 4 s / m.
+    - The derivatives of g with respect to u and v have an error of at most s. Divided by
+      m, this is `relative_gradient_error`, s / m.
 
-    Both results are largest at the point of the arcs with the least m.
+    Both quotients are largest at the point of the arcs with the least m, and are returned
+    for this point.
 
     Parameters
     ----------

@@ -155,11 +155,13 @@ class Saddle(OrientedBox):
         """Return the quadrant of the arm that a configuration is on, None if not proven.
 
         A saddle is a place where two configuration curves cross or narrowly miss each
-        other. Four branches of the curves, its arms, leave it. The quadrant of an arm is
-        the signs of the coordinates u and v in the box of the saddle. Curves that miss each
-        other bend from one quadrant to another, but only where ``|v|`` is below the part
-        `INNER_HEIGHT_RATIO` of the half height of the box. A saddle is proven to have one
-        arm in each quadrant at larger ``|v|``.
+        other. Four branches of the curves, its arms, lead away from it. The quadrant of an
+        arm is the signs of the coordinates u and v in the box of the saddle. With the
+        result, the caller tells on which arm a piece of a known curve lies.
+
+        Near the centre a curve can pass from one quadrant to another, so the signs do not
+        identify an arm there. Let h be `INNER_HEIGHT_RATIO` times the half height of the
+        box. Where ``|v|`` exceeds h, each quadrant is proven to contain exactly one arm.
 
         Parameters
         ----------

@@ -90,6 +90,7 @@ Larger: sharper bends are not passed. Smaller: an arc of the opposite sense migh
 class RateBounds:
     """Bounds of the rates of all v variables along an arc, and of their derivatives.
 
+    They serve to find or exclude stationary points, at which the rate of a variable is 0.
     An arc is a part of a curve of configurations. Rates are derivatives of the variables
     with respect to the coordinate s along the tangent at the centre of the arc. The bounds
     are valid up to the |s| for which they were computed (`bound_rates`).
@@ -503,12 +504,14 @@ def _bound_change_by_box(stretch: _Stretch, variable: int) -> float:
     """Return a bound (rad) of the change of a variable in a stretch, from a box around it.
 
     A stretch is a part of a configuration curve. Its start is the centre of the box. The
-    sides of the box are along the tangent of the curve at the start and along its normals,
-    the columns of the frame of the arc.
+    edges of the box are along the tangent of the curve at the start and along its normals.
+    These directions are the columns of the frame of the arc. `_bound_undecided` explains
+    why the bound is needed.
     """
     # The arc of the curve that contains the stretch.
     arc = stretch.piece
-    # Along the tangent: the coordinate of the end, with its error. Then along each normal.
+    # The bound of the coordinate along the tangent, then one bound for all coordinates
+    # along normals.
     largest_coordinate = min(stretch.reach, arc.half_length)
     distance = arc.largest_normal_coordinate(largest_coordinate)
     # There are as many directions as variables, and all but the tangent are normals.
@@ -741,7 +744,8 @@ def _approximate_rate(
     """Return the derivative of a variable along the curve through a configuration.
 
     The curve consists of configurations of the mechanism. The result is only an
-    approximation.
+    approximation. With it the caller searches where the derivative is 0, as the start of a
+    proof that does not depend on its accuracy.
 
     Parameters
     ----------

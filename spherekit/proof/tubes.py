@@ -187,8 +187,8 @@ class CertifiedArc(OrientedBox):
     centre_error
         Bound (rad) of the length of y at s = 0: the distance of the arc from the centre.
     test
-        Object that bounds the equations near the centre. The object has proven the arc, and
-        gives further bounds along the arc.
+        The object with which the arc was proven. It bounds the equations near the centre,
+        and so gives bounds of shorter parts of the arc.
     """
 
     euclidean_distance: float

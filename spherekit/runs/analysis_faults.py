@@ -80,9 +80,10 @@ def describe_failure(analysis: str, reason: str) -> str:
 
 
 def describe_exception(problem: BaseException) -> str:
-    """Return an exception as text, with the last line outside libraries that led to it.
+    """Return an exception as text, with the line of the user's code that led to it.
 
-    Libraries are spherekit, NumPy and the standard library.
+    All code outside spherekit, NumPy and the standard library counts as the user's. If
+    several lines of it are in the traceback, the last one is named.
     """
     message, _, _ = str(problem).strip().partition("\n")
     location = ""

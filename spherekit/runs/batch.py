@@ -229,9 +229,10 @@ class Batch:
     def interleaved(parts: Sequence[Array | NDArray[np.str_]]) -> Interleaved:
         """Return a table column with a number for each subject in each row of the batch.
 
-        A subject can be a link or a pole. The values of all subjects at the first row come
-        first, then the values at the second row. `parts` has the values (n,) of each
-        subject.
+        A subject is what the table has a row for at each sample, such as a link or a pole.
+        `parts` has one array (n,) for each subject, with a value for each row of the batch.
+        The column has the values of all subjects at the first row, then those at the second
+        row, and so on.
         """
         return Interleaved(parts)
 

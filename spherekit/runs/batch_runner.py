@@ -466,8 +466,8 @@ class BlockRows:
 
         With a single input, an assembly mode (way to assemble the mechanism) without a
         closed form is a curve of known configurations over this input. The curve may end
-        where the mechanism can be assembled no further. Rows beyond such an end are out of
-        reach.
+        where the mechanism can be assembled no further. The caller marks rows beyond such
+        an end as out of reach.
 
         Parameters
         ----------
@@ -476,8 +476,8 @@ class BlockRows:
         rows
             The n rows, as a range of rows of the block (group of samples).
         """
-        # The configurations of most rows are already predicted, by splines through other
-        # samples. Only rows without such a prediction can be beyond the end.
+        # Before this method is called, splines through other samples have predicted the
+        # configurations of most rows. Only rows without a prediction can be beyond the end.
         has_prediction = self._has_prediction(rows)
         is_beyond = np.zeros_like(has_prediction)
         assembly_mode = self._position_analysis.assembly_modes[mode]
@@ -579,8 +579,9 @@ class BlockRows:
         Parameters
         ----------
         rows
-            (m,) indices of rows in the block (group of samples). Rows without a closure
-            residual have no configuration, and are left out.
+            (m,) indices of rows in the block (group of samples). A row is one sample in one
+            assembly mode. Rows without a closure residual have no configuration, and are
+            left out.
         """
         solved_rows = rows[np.isfinite(self.closure_residual[rows])]
         column_function = self.kernel.row_quality
@@ -789,10 +790,12 @@ class BatchRunner:
 
         There are two limits:
 
-        - The columns of a block (group of samples) need at most `BLOCK_BYTES`.
-        - `PositionAnalysis.block` is the size without compiled functions. With compiled
-          functions, a block may be `MAX_BLOCK_FACTOR` times larger. If the run is recorded
-          or verified, a block is not larger, because rotation matrices need more memory.
+        - The columns of a block, or its rotation matrices if analyses read them, need at
+          most `BLOCK_BYTES`.
+        - Without this runner and its kernel, blocks have `PositionAnalysis.block` samples.
+          A block of the runner has at most `MAX_BLOCK_FACTOR` times as many. If the run is
+          recorded or verified (`is_recorded`), the factor is 1, because rotation matrices
+          of all links need more memory.
         """
         position_analysis = self.sampling.position_analysis
         # Each sample has one row in each assembly mode (way to assemble the mechanism).
@@ -831,7 +834,7 @@ class BatchRunner:
         first_sample
             Number of the first sample.
         """
-        # A recording, and analyses that read rotation matrices, need memory for each row
+        # A recorded run, and analyses that read rotation matrices, need memory for each row
         # even if no column of a pole is read.
         needs_memory_without_poles = self.is_recorded or self.reads_frames
         largest_size = size
@@ -870,9 +873,9 @@ class BatchRunner:
     def _choose_next_size(self, size: int, first_size: int, largest_size: int) -> int:
         """Return the number of samples of the next block (group of samples).
 
-        The quantities of poles (axes of relative rotation) are columns that need memory
-        only after they were read. If a column of the latest block was read, the next block
-        has the size of the first one. If none was read, the size is doubled.
+        The quantities of poles (axes of relative rotation) are columns. A column needs
+        memory only after an analysis has read it. If a column of the latest block was read,
+        the next block has the size of the first one. If none was read, the size is doubled.
 
         Parameters
         ----------
@@ -1014,14 +1017,20 @@ class BatchRunner:
     def motion_at(self, samples: Indices) -> Motion:
         """Compute the positions of the mechanism at some samples, in all assembly modes.
 
-        Facts about the poles (axes of relative rotation) are computed at the same time, for
-        example where their computed directions may reverse. The method `fields` needs these
-        facts, which are stored in `pending_poles`.
+        Facts about the poles (axes of relative rotation) are computed at the same time, and
+        stored in `pending_poles`. The method `fields` needs them to compute the poles
+        later. A pole is a line, so its computed direction may reverse from one sample to
+        the next. The facts say, for example, where this may happen.
 
         Parameters
         ----------
         samples
             (n,) indices of the samples, rising.
+
+        Returns
+        -------
+        The configurations at all samples in the first assembly mode, then at all samples in
+        the second mode, and so on.
         """
         position_analysis = self.sampling.position_analysis
         # (inputs, rows): the rows are all samples in the first assembly mode, then all
@@ -1030,8 +1039,9 @@ class BatchRunner:
         q = np.tile(position_analysis.input_grid.q[samples].T, mode_count)
         rows = BlockRows(self.kernel, position_analysis, q)
         # Without a closed form, approximate configurations are first stored in `rows`.
-        # `fill` then computes all rows, and returns where directions of poles may reverse.
-        # A slice is a group of successive rows.
+        # `fill` then computes all rows in slices (groups of successive rows of one mode).
+        # For slices with certified rows (small error bounds), it returns between which rows
+        # the direction of a pole may reverse.
         self._predict_configurations(samples, rows)
         reversals_of_slices = rows.fill(samples)
         rows.erase_failed()  # replaces the numbers of rows without a configuration by NaN
@@ -1105,6 +1115,7 @@ class BatchRunner:
         Every n-th sample of the run is solved before, and the splines go through these. A
         block is a group of samples. The method is used if configurations are not computed
         in closed form. The predicted pair variables (joint angles) are stored in `rows`.
+        `BlockRows.fill` then closes the loops by a step of Newton's method.
 
         Parameters
         ----------

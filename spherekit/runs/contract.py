@@ -195,7 +195,8 @@ class AbstractAnalysis(ABC):
         """Return results in addition to the tables; none by default.
 
         Findings are, for example, remarks for the user and numbers for the summary. A
-        `rowwise` analysis returns findings of each block, which the method `joined` joins.
+        `rowwise` analysis receives one block of samples after another. It returns findings
+        for each block, and the method `joined` joins them.
         """
         return Findings()
 

@@ -90,10 +90,14 @@ class OutputRows(ArrayRows):
         blocks. A list has place (time, first input or sample number), angle, rate, inputs
         and velocity ratios. NaN becomes None, because the lists are stored as JSON.
 
-        The last row in which the output moves and its two neighbours are followed by the
-        last row, as far as they differ. The rate is left out before that moving row, as its
-        reversals are already noted. If the rate is unknown in a later row, there is only
-        the last row.
+        The result has up to four rows: the last row in which the output moves, the rows
+        just before and after it, and the last row of the block. The places in these rows
+        bound the step in which the output turns back, or the rest before it turns back. The
+        rate of the row before the moving row is replaced by NaN, so that no reversal is
+        noted twice.
+
+        The result has only the last row if no row moves, or if the rate is unknown in a row
+        after the last moving one. A reversal across such a row is not noted.
         """
         last = len(self.rates) - 1
         numbers = [last]

@@ -74,7 +74,8 @@ class UnsignedPoles(NamedTuple):
     directions
         (3, poles, k) unit vectors of the pole axes.
     velocities
-        (3, poles, k) relative angular velocities per unit rate of the input.
+        (3, poles, k) relative angular velocities per unit rate of the input. They are the
+        same for both senses.
     velocity_rates
         (3, poles, k) derivatives of these velocities with respect to the input.
     """
@@ -124,10 +125,10 @@ class UncertifiedPoles:
     ) -> None:
         """Evaluate the poles in the rows where the compiled functions are too inaccurate.
 
-        A pole is the axis about which one link rotates relative to another. A kernel
-        (compiled functions) evaluates the poles in most rows of a block. In uncertified
-        rows, the error bounds of the kernel are too large, and slower, more careful
-        functions evaluate the poles.
+        A pole is the axis about which one link rotates relative to another. A block is a
+        group of samples that are computed together. A kernel (compiled functions) evaluates
+        the poles in most rows of the block. In uncertified rows, the error bounds of the
+        kernel are too large, and slower, more careful functions evaluate the poles.
 
         A pole is a line, so its direction can have two senses. If it is the axis of a pair
         (joint), the mechanism file fixes the sense. All other poles are called reversible.
@@ -390,19 +391,21 @@ class KernelColumns:
     ) -> None:
         """Store what the columns of a block (group of samples) are computed from.
 
-        The columns have quantities of poles (axes of relative rotation) in n rows. Their
-        values in some rows come from `uncertified_poles`. In all other rows, the kernel
-        (compiled functions) computes them. The class describes all arguments.
+        The columns have quantities of poles (axes of relative rotation) in n rows. The
+        kernel (compiled functions) computes them in the rows that it certifies: its error
+        bounds are small enough there. The values in the other rows come from
+        `uncertified_poles`. The class describes all arguments.
         """
         self.kernel = kernel
         self.requests = requests
         self.uncertified_poles = uncertified_poles
+        # By moving input, functions that return the final signs of the directions.
         self._sign_functions = sign_functions
-        self.was_read = False
+        self.was_read = False  # no column has been read yet
         self._values = motion.values.T  # (variables, n) pair variables (rad)
         self._failed = motion.failed  # (n,) rows without a configuration
         # (n,) rows in which other values replace those of the kernel: NaN in failed rows,
-        # and results of slower functions where errors are too large.
+        # and the results of slower functions in uncertified rows.
         self._is_replaced = motion.failed.copy()
         self._is_replaced[uncertified_poles.rows] = True
         # Columns are computed for one slice of rows after another, because the results of a
@@ -448,10 +451,11 @@ class KernelColumns:
         """
         mode, rows = row_slice
         all_columns = self._evaluate_kernel(rows)
-        # A pole is a line with two possible senses. The signs choose one of the senses.
+        # A pole is a line with two possible senses. `_apply_signs` chooses one of them.
         self._apply_signs(all_columns, mode, rows)
         columns = [all_columns[self._find_column(key)] for key in keys]
-        # In failed or inaccurate rows, other values replace the values of the kernel.
+        # Failed rows become NaN. In inaccurate rows, more accurate results replace the
+        # values of the kernel.
         if np.any(self._is_replaced[rows]):
             columns = [
                 self._replace_numbers(key, column, rows)
@@ -723,6 +727,7 @@ def largest_errors(field: PoleField) -> dict[str, float]:
 
     It is the largest over all poles (axes of relative rotation of two links) and rows. Only
     finite bounds in rows with the status OK count. Without such a bound it is -inf.
+    The report of a run states these values.
     """
     is_ok = field.status == Status.OK
     maxima = {}

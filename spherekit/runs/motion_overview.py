@@ -91,6 +91,7 @@ class MotionOverview:
     def _add_statuses(self, plan: OverviewPlan, motion: Motion, first_sample: int) -> None:
         """Add the status of each configuration to the overview of its assembly mode.
 
+        The overview of a mode states where the mode closes, and how its outputs move.
         A status tells whether the mechanism can be assembled, or why not. `motion` has the
         configurations of one block of samples. `first_sample` is the index, in the whole
         run, of the first sample of the block.
@@ -105,11 +106,13 @@ class MotionOverview:
             overview.add_status(statuses, first_sample)
 
     def examine_pending(self, plan: OverviewPlan, motion: Motion | None = None) -> None:
-        """Examine the outputs in the rows that `add_block` has collected.
+        """Add the rows that `add_block` has collected to the overviews of their modes.
 
-        A row is one sample in one assembly mode. It is faster to examine the rows of
-        several blocks (groups of samples) together. This method is called if there are
-        enough rows, and at the end of the run.
+        A row is one sample in one assembly mode. In these rows the motion of the outputs
+        and the transmission angles are computed. Their ranges, for example, become part of
+        the overview of the mode. This is faster for the rows of several blocks (groups of
+        samples) together. This method is called if there are enough rows, and at the end of
+        the run.
 
         Parameters
         ----------

@@ -10,9 +10,9 @@ class Needs:
     """Declares which quantities an analysis reads from a `Batch`.
 
     A `Batch` has the results for a group of samples. A run evaluates only what its analyses
-    declare. A pole is the axis about which one link rotates relative to another. A pole is
-    stated by the indices of both links, the smaller index first. Pairs are given by name,
-    and so are links in `rotations` and `link_rates`.
+    declare. A pole is the axis about which one link rotates relative to another. It is
+    given as the tuple of the indices of both links, the smaller index first. Pairs are
+    given by name, and so are links in `rotations` and `link_rates`.
 
     Attributes
     ----------
@@ -26,8 +26,8 @@ class Needs:
         Whether derivatives with respect to the input are read, for the poles and links in
         `rates`, `turns` and `link_rates`.
     planes
-        Poles that are found as the intersection of two great circles, of which these
-        circles are read.
+        Poles for which two great circles are read that intersect in the pole. The method
+        `Batch.planes` returns the normals of their planes.
     pair_values
         Pairs for which the variable is read, in rad, passive angles within (-pi, pi].
     continued_values
@@ -48,7 +48,8 @@ class Needs:
         direction with respect to the input. These poles need `derivatives`.
     links
         Indices of the links that an analysis with `tracer` reads. If the set is empty, the
-        analysis reads all links. The set has no meaning in a `union` of needs.
+        analysis reads all links. Do not read this set from the result of `union`: there,
+        it can be too small.
     """
 
     directions: frozenset[Pole] = frozenset()

@@ -192,10 +192,12 @@ def _summarize_excess(output: OutputOverview) -> Facts:
 def _summarize_jacobian(plan: OverviewPlan, output: OutputOverview) -> Facts | None:
     """Return how near an output comes to singularities of type I, None if it is unknown.
 
-    At type I the smallest singular value of the output's velocity Jacobian is zero. The
-    result has the least and the largest of these values over the samples. The place of the
-    least is the time, the first input or the number of its sample, see `place_kind` of the
-    plan. Places of type I are found where the determinant of the Jacobian changes sign.
+    At type I the smallest singular value of the output's velocity Jacobian is zero. Each
+    sample has such a smallest singular value. The result has the least and the largest of
+    them over all samples, and the place of the least. A place is a time, the first input or
+    the number of a sample, see `place_kind` of the plan. Places of type I are those where
+    the determinant of the Jacobian changes its sign. Only some of them are listed.
+    `further_type_1_places` is the number of the others.
     """
     if output.gain is None:
         return None

@@ -223,7 +223,8 @@ def read_simple_value(hint: Any, text: str, angle_unit: AngleUnit) -> Any:
     Parameters
     ----------
     hint
-        The type: a simple one, a choice (`Literal`), or a number with a unit (`Degrees`).
+        The type: bool, int, float, str, None, a choice (`Literal`), or a number with a
+        unit, such as `Degrees`.
     text
         The text, such as ``5deg`` or ``none``.
     angle_unit

@@ -71,19 +71,20 @@ class InputReversals:
 
     All other inputs are locked. A pole is the axis about which one link rotates relative to
     another. It is a line, so its computed direction may reverse from row to row. A row is
-    one sample in one assembly mode, and a slice is a number of successive rows.
+    one sample in one assembly mode, and a slice is a number of successive rows. The signs
+    of directions are later chosen such that directions are continuous.
 
     Attributes
     ----------
     gaps
-        Pairs of rows of the slice between which a direction may reverse.
+        Pairs of successive examined rows between which a direction may reverse.
     first_velocities, last_velocities
         (poles, 3) relative angular velocity of the two links of each pole, per unit rate of
         the input, at the first and at the last row. They show whether a direction may also
         reverse between this slice and the next one.
     largest_errors
-        (3,) largest error bounds of directions (rad), of velocity coefficients and of their
-        derivatives.
+        (3,) largest error bounds in the slice: of the directions (rad), of the velocity
+        coefficients, and of the derivatives of these coefficients.
     """
 
     gaps: ReversalGaps
@@ -357,13 +358,13 @@ def _list_gaps_by_mode(
 
     A pole is the axis of the relative rotation of two links. It is a line, so its computed
     direction may reverse between two rows (samples). If this is possible for any pole, the
-    two rows are called a gap. A gap is within a slice of successive rows, or between two
-    slices.
+    two rows are called a gap. The caller compares directions only at gaps. A gap is within
+    a slice (successive rows of one mode), or between two slices.
 
     Parameters
     ----------
     slices
-        The slices of the block, which were examined one by one.
+        The slices of the block in their order, each with the gaps inside it.
     input_index
         Index of the input that moves while the other inputs are locked.
 

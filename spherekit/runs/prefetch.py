@@ -15,9 +15,9 @@ def prefetch(
 ) -> Iterator[Result]:
     """Yield the result of each item, and compute the next result while one is used.
 
-    While the caller uses result k, a thread computes result k + 1. Item k + 1 is taken from
-    `items` when the caller asks for result k. So item k + 1 may depend on how the caller
-    has used the results up to k - 1.
+    While the caller uses result k, a thread computes result k + 1. When the caller asks for
+    result k, item k + 1 is taken from `items` before result k is returned. At that time the
+    caller has used the results up to k - 1, so item k + 1 may depend on them.
 
     Parameters
     ----------

@@ -252,15 +252,15 @@ class RecordingSession:
         return (index_in_row % self._every == 0) | is_last_of_path
 
     def _log(self, scene: Scene, motion: Motion) -> None:
-        """Pass a scene (drawing) to the recorder, with the samples of a block.
+        """Pass a scene (a group of drawings) to the recorder, with the samples of a block.
 
-        Some scenes are drawn over a quantity such as a frequency or a parameter of a curve
-        (`over`). All other scenes are drawn over the samples.
+        The drawings of some scenes have their own horizontal axis, `scene.over`, such as a
+        frequency or a parameter of a curve. All other scenes are drawn over the samples.
 
         Parameters
         ----------
         scene
-            The drawings.
+            The scene.
         motion
             The recorded samples of the block, in one or several assembly modes.
         """

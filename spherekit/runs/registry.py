@@ -81,10 +81,10 @@ def _change_time(folder: str) -> int | None:
 def _list_entry_points(
     *_folder_states: tuple[str, int | None],
 ) -> Mapping[str, list[EntryPoint]]:
-    """Return the entry points by name; listing them takes long.
+    """Return the entry points, through which packages announce analyses, by name.
 
-    Results are cached. The arguments serve only as the key of the cache: folders of
-    packages with their times of change.
+    Results are cached, because listing takes long. The arguments serve only as the key of
+    the cache: each folder of `sys.path`, and the time at which the folder was changed.
     """
     entries_by_name: dict[str, list[EntryPoint]] = {}
     for entry in entry_points(group=ENTRY_POINT_GROUP):

@@ -230,8 +230,9 @@ def compute_findings(
 ) -> Findings:
     """Return the findings of an analysis in a block, joined with all earlier findings.
 
-    Findings are results of an analysis that are not in its stored tables: values for the
-    summary (figures), warnings, remarks and small tables of texts for the screen.
+    A run is analysed block by block. A block is a group of samples. Findings are results of
+    an analysis that are not in its stored tables: values for the summary (figures),
+    warnings, remarks and small tables of texts for the screen.
 
     Parameters
     ----------

@@ -500,7 +500,8 @@ def _refuse_equal_file_stems(analyses: Analyses) -> None:
 def _missing_time_sentence(sampling: Sampling) -> str:
     """Return why samples of several inputs have no times, and what the user can do.
 
-    The samples are on a grid, or at values of the inputs that the user listed.
+    The text is the rest of an error message that begins with the name of an analysis. This
+    analysis needs times. The samples are on a grid, or at values that the user listed.
     """
     if len(sampling.shape) > 1:
         size = "x".join(map(str, sampling.shape))

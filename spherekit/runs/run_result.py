@@ -120,7 +120,7 @@ class RunResult:
 
         Notebooks show this text for a result.
         """
-        # The text of `repr` without its angle brackets.
+        # The text of `repr` is "<RunResult of ...>". Its angle brackets are removed.
         title = repr(self)[1:-1]
         parts = [f"<p>{html_text(title)}</p>"]
         for name, result in self.results.items():
@@ -288,17 +288,17 @@ class RunResult:
         - ``plot("velocity coefficients")`` returns a figure that an analysis has prepared.
         - ``plot()`` returns all prepared figures, as a mapping by name.
 
-        Tables do not contain what prepared figures show. The first call for such a figure
-        therefore repeats the run. The scenes are stored for further figures, `show` and
-        `save`.
+        Prepared figures show data that tables do not contain. The first call for such a
+        figure therefore repeats the run. The result keeps these data, so that further
+        figures, `show` and `save` do not repeat the run again.
 
         Parameters
         ----------
         x
             Name of the column on the horizontal axis if `y` is given. Otherwise the name of
-            a prepared figure, such as ``"poles/velocity coefficients"``. The name of the
-            analysis before the slash can be omitted, and so can the rest if the analysis
-            has one figure.
+            a prepared figure, ``"analysis/subject"``, such as
+            ``"poles/velocity coefficients"``. The subject is enough if only one figure has
+            it. The name of the analysis is enough if the analysis has only one figure.
         y
             Name of the column on the vertical axis.
         where

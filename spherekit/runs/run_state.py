@@ -477,7 +477,8 @@ def _select_pole_failures(codes: Array, batch: Batch) -> Array:
     """Return the status codes of a pole that differ from the codes of its configurations.
 
     A pole is the axis of the relative rotation of two links. If the mechanism has no
-    position at a sample, this is no failure of the poles there.
+    position at a sample, the pole has the same code as the configuration. This is no
+    failure of the analysis, so the code is left out.
 
     Parameters
     ----------
@@ -495,15 +496,17 @@ def _select_pole_failures(codes: Array, batch: Batch) -> Array:
 
 
 def _select_table_failures(codes: Array, data: TableData, batch: Batch) -> Array:
-    """Return status codes of table rows that failed although the configuration did not.
+    """Return the codes of failed table rows, without those that equal the configuration's.
 
-    Codes that equal the status of the configuration are left out. They are no failures of
-    the analysis, because the mechanism has no position at these samples.
+    Each row belongs to a configuration: the position of the mechanism at a sample, in an
+    assembly mode. If the mechanism has no position there, the row has the same status code
+    as the configuration. This is no failure of the analysis, so the code is left out. The
+    caller counts the remaining codes as failures of the analysis.
 
     Parameters
     ----------
     codes
-        (n,) status codes of the rows of the table, in any order.
+        (n,) status codes of the rows of the table. The rows can be in any order.
     data
         Columns of the table, including the columns of the sample and the assembly mode.
     batch

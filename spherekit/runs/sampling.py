@@ -349,9 +349,10 @@ class Sampling:
           kinetic energy and the work of the loads;
         - ``energy_scale_J``: the largest energy, with which its error is compared;
         - ``closure_drift_rad``: the largest opening of a loop of links;
-        - ``event_kinds``: kinds of all events. ``event_list`` has only the first events.
+        - ``event_list``: the first events only;
+        - ``event_kinds``: the kinds of all events.
 
-        The result is empty if the samples are no times.
+        The result is empty if the samples are not samples over time.
         """
         if not self.is_over_time:
             return {}

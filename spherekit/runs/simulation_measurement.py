@@ -155,15 +155,15 @@ class TimedTables(NamedTuple):
 class Candidate:
     """A way to run an analysis, to be compared with other ways by time and error.
 
-    It is a setting of the run (such as an engine), or a value of a parameter of the
-    analysis.
+    Candidates differ either in a setting of the run (such as an engine), or in the value of
+    a parameter of the analysis.
 
     Attributes
     ----------
     name
         Name in tables and messages.
     setting
-        The setting; None for a value of a parameter.
+        The setting. None if the candidates differ in the value of a parameter.
     run
         Function that runs the analysis once in this way. Its argument is True if the
         tables will be compared with the reference, and False if only the times count.
@@ -503,13 +503,13 @@ def _simulate_tables(
     reference_fields
         Poles (axes of the rotation of one link relative to another) of a more accurate
         simulation, one field for each input. Both directions along a pole axis are equally
-        right. Computed directions are therefore reversed if they are opposite to these.
-        Empty if the poles are not compared.
+        right. Computed directions are therefore reversed if they are opposite to those of
+        the reference. Empty if the poles are not compared.
 
     Returns
     -------
-    The tables with their times. The time of the simulation counts as time before the first
-    sample, because it hardly grows with the number of samples.
+    The tables with their times. The time of the simulation hardly grows with the number of
+    samples. It is therefore part of `first_seconds`, the time before the first sample.
     """
     start = time.process_time()
     sampling = _simulate(run_plan, study, setting)

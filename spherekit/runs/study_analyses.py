@@ -213,7 +213,7 @@ def _read_file_value(hint: Any, value: Any, angle_unit: AngleUnit) -> Any:
     hint
         The type, either simple or composed of simple types, such as ``tuple[float, ...]``.
     value
-        The value. An array of the file is a list.
+        The value as it was read. An array of the file was read as a list.
     angle_unit
         The unit of an angle that the file states without a unit.
 

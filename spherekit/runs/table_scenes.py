@@ -27,11 +27,14 @@ Larger: figures with more lines than a reader can tell apart.
 
 
 def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Scene]:
-    """Return drawings of the tables of an analysis: columns of numbers over the samples.
+    """Return drawings of the tables of an analysis that makes no drawings of its own.
 
-    The drawings are for an analysis that makes none. Only tables with rows at the samples
-    are drawn. A sample can have several rows, for example one for each pole. The texts in
-    such a row name its subject. Each subject has a curve for each column.
+    Each drawing has curves of the numbers in the tables over the samples of the run. Only
+    tables with rows at the samples are drawn.
+
+    A table can have several rows at a sample, for example one for each pole. The pole is
+    then the subject of the row, and the texts in the row name it. There is one curve for
+    each column of numbers and each subject.
 
     Parameters
     ----------
@@ -53,7 +56,7 @@ def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Sc
     )
     scenes = []
     for mode, rows in batch.assembly_mode_rows().items():
-        # The rows of the batch; a table may have several rows for each of them.
+        # The samples in this mode, each of them once.
         mode_samples = batch.sample[rows]
         series: list[Primitive] = []
         for table in tables:

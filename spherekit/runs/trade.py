@@ -590,8 +590,10 @@ def _run_with_value(
 ) -> TimedTables:
     """Run an analysis with one value of a parameter, and measure the time.
 
-    The parameter trades speed for accuracy. The parameter may be the number of samples of
-    the run. With any other parameter only a few samples are computed, to save time.
+    The parameter trades speed for accuracy. The caller compares times and tables of all
+    values. The parameter may be the number of samples of the run. With any other parameter
+    only a few samples are computed, to save time. The result has the time of these few
+    samples.
 
     Parameters
     ----------
@@ -619,8 +621,9 @@ def _run_with_value(
         raise AnalysisError(result.failures[analysis.name])
     data = arrays(result.results[analysis.name].data[parameter_trade.table])
     seconds = time.process_time() - start
-    # `first_seconds` is the part of the time that the caller must not scale to more
-    # samples. Here this is all of the time.
+    # `first_seconds` is the part of the time that does not depend on the number of samples.
+    # The parts are not measured here. All of the time counts as this part, so that nobody
+    # scales it to another number of samples.
     return TimedTables(
         {parameter_trade.table: data}, first_seconds=seconds, seconds=seconds
     )

@@ -95,9 +95,9 @@ class ReferenceTables:
         inputs are locked. A pole is the axis about which one link rotates relative to
         another.
     lacking
-        Text about the rows without reference values, such as ", 3 rows without". It is the
-        end of a text such as "the closure equations in 20 digits, 3 rows without". Empty if
-        all rows have reference values.
+        Text such as ", 3 rows without", with the number of rows without reference values.
+        The caller appends it to the name of the reference: "the closure equations in 20
+        digits, 3 rows without". Empty if all rows have reference values.
     """
 
     tables: Tables

@@ -170,9 +170,9 @@ def _make_cells(measured: Measured, is_on_front: bool) -> Names:
 def list_inapplicable_settings(trade: Trade) -> list[str]:
     """Return lines that list the settings which cannot compute a run, with the reasons.
 
-    A setting is a way to compute a run. A trade has the measured times and errors of the
-    settings, or the reason why a setting does not apply. Reasons that differ only in
-    numbers or in the name of the setting share a line.
+    A setting is a way to compute a run. A trade compares settings. It has their measured
+    times and errors, or the reason why a setting does not apply. Reasons that differ only
+    in numbers or in the name of the setting share a line.
     """
     # By the reason without numbers: the first such reason with its numbers, and the names
     # of all settings with this reason.

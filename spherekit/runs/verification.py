@@ -167,7 +167,7 @@ def order_evenly(numbers: Integers) -> Indices:
     Rows of a run are selected for checks in this order. A number k is sorted by the
     fractional part of (k + 1) g, where g is 0.618... (`GOLDEN`, the golden ratio less 1).
     For successive k, these parts are spread evenly from 0 to 1. The order of two numbers
-    does not depend on further numbers, and stays the same if numbers are added.
+    depends only on these two. So it stays the same if other numbers are added.
 
     Parameters
     ----------
@@ -336,9 +336,9 @@ class Verifier:
             motion, tuple(field.as_arrays for field in pole_fields), continued_angles
         )
         # Some analyses (`whole_analyses`) read all samples at once. A run with such an
-        # analysis has a single block, which is stored. At the end, the verified rows are
-        # replaced by values in many digits, and the tables of these analyses are computed
-        # again from all rows.
+        # analysis has a single block, which is stored. At the end, values in many digits
+        # replace the verified rows in this block. From the changed block, the tables of
+        # these analyses are computed again, to compare them with the tables of the run.
         if self._run_plan.whole_analyses:
             self._whole = block_rows
         is_valid = run_status(motion, block_rows.pole_fields) == Status.OK
@@ -529,7 +529,8 @@ class Verifier:
         """Return all rows of the run, with reference values in the verified rows.
 
         A row is one sample in one assembly mode. Verified rows are computed again in many
-        digits.
+        digits. The caller passes the result to an analysis that needs all rows at once, and
+        compares its tables with those of the run.
 
         Parameters
         ----------

@@ -106,8 +106,9 @@ def choose_plot_range(
     # range about the inner values is shown.
     inner_low, inner_high = np.quantile(finite, INNER_QUANTILES)
     inner_extent = inner_high - inner_low
-    # Inner values that differ by rounding only are no range. Their rounding errors are not
-    # relative to outliers, which may be huge near a singularity.
+    # Inner values that differ by rounding only are no range. Their rounding errors are
+    # compared with the largest inner value. The scale of all values may be huge because of
+    # an outlier near a singularity. It counts only up to 1, the least scale of angles.
     inner_scale = max(abs(inner_low), abs(inner_high), min(scale, 1.0))
     has_inner_range = inner_extent > resolution * inner_scale
     if has_inner_range and OUTLIER_RATIOS[shown_by] * inner_extent < high - low:

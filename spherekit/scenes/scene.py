@@ -73,7 +73,8 @@ class Body:
     Attributes
     ----------
     path : str
-        Address of the link in a recording for the 3D viewer, such as ``link/3``.
+        Address (entity path) of the link below its page in a recording for the 3D viewer,
+        such as ``link/3``.
     label : str
         Name of the link.
     curves : sequence of arrays (k, 3)
@@ -140,13 +141,13 @@ class Trace:
     Attributes
     ----------
     path : str
-        Address of the trace in a recording for the 3D viewer.
+        Address of the trace among the objects of a recording for the 3D viewer.
     label : str
         Name of the trace.
     directions : array (n, 3)
         Unit vectors in link axes, one for each sample.
     number : int
-        Index of the link in the mechanism, which determines its colour.
+        Index of the link in the mechanism. The trace is drawn in the colour of this link.
     quaternions : array (n, 4), or None
         Rotation from link axes to ground axes at each of n samples, as quaternion x, y, z,
         w. None for the ground.
@@ -297,13 +298,14 @@ class PlaneCurve:
 class Portrait:
     """One quantity plotted against another, with a mark that moves with the samples.
 
-    Without `curves`, the path of the mark is drawn. A run is computed in blocks of samples:
-    x and y belong to one block, the ranges to the whole run.
+    Without `curves`, the path of the mark is drawn. A run is computed in blocks of samples.
+    `x` and `y` are the values in one block. `x_range` and `y_range` are the ranges of the
+    whole run, so that the frame is the same for all blocks.
 
     Attributes
     ----------
     path : str
-        Address of the portrait in a recording for the viewer.
+        Address of the portrait among the objects of a recording for the viewer.
     label : str
         Title of the portrait.
     x, y : arrays (n,)
@@ -422,14 +424,14 @@ class Surface:
     """A triangulated surface in a space with named axes, such as the space of three inputs.
 
     Without triangles the vertices are drawn as points, coloured by `values` if there are
-    values. A surface with triangles has the colour of its tone.
+    values. A surface with triangles has a single colour, which `tone` states.
 
     Attributes
     ----------
     path : str
         Address of the surface in a recording for the 3D viewer.
     label : str
-        Name of the surface, or of the quantity that colours it.
+        Name of the surface; with `values`, the name of the quantity that colours it.
     vertices : array (v, 3)
         Coordinates in the unit of the axes.
     triangles : array (t, 3) of int
@@ -665,8 +667,8 @@ def _convert_fields(item: Any, axis_factors: Floats) -> Any:
     item
         The object (a primitive of a scene, such as a curve) or the axis.
     axis_factors
-        (axes,) factors that convert values on the axes of the scene: 180/pi for angles and
-        their rates, 1 for other quantities.
+        (axes,) a factor for each axis of the scene, by which values on it are multiplied:
+        180/pi for angles and their rates, 1 for other quantities.
     """
     # `InputMarks` have no unit of their own: their values are in the units of the axes of
     # the scene.

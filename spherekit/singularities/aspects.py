@@ -339,8 +339,8 @@ class _AspectGraph:
         self.periods = variable_periods(solver.closure)
         self.output = output
         self.divides_by_type_one = divides_by_type_one
-        # Whether the sign of the determinant that is zero at type I tells aspects apart.
-        # `_make_nodes` sets this attribute.
+        # Whether the determinant that is zero at type I changes its sign there. If so, its
+        # sign tells aspects apart. `_make_nodes` sets this attribute.
         self.has_sign_of_type_one = False
         self.nodes = self._make_nodes(
             np.zeros((0, len(self.periods))), np.zeros(0, dtype=np.intp)
@@ -461,9 +461,10 @@ class _AspectGraph:
             sample 0:  configurations 4,  7
             sample 1:  configuration  5,  none
 
-        The caller searches configurations in column 0, then the remaining ones in
-        column 1, and so on. If the place of a sample in the column is free, the
-        configuration is new, and gets this place.
+        The caller needs the indices of configurations that may be known. It calls this
+        method for all of them with column 0, for those without an index with column 1, and
+        so on. If the place of a sample in the column is free, the configuration is new, and
+        gets this place.
 
         Parameters
         ----------
@@ -644,10 +645,13 @@ class _AspectGraph:
         self.connections.append(pairs[is_connected])
 
     def _keeps_sign_of_type_one(self, pairs: Indices, input_changes: Floats) -> Bools:
-        """Return whether the determinant of type I keeps its sign on straight paths.
+        """Return whether the determinant of type I keeps its sign on paths of the inputs.
 
-        The determinant vanishes at singularities of type I, where inputs can move while the
-        output rests. On a path it is interpolated by a cubic from its values and slopes at
+        On a straight path of the inputs, all inputs change in proportion. The determinant
+        vanishes at singularities of type I, where inputs can move while the output rests.
+        If it may change its sign, the caller does not connect the ends of the path.
+
+        On a path the determinant is interpolated by a cubic from its values and slopes at
         both ends. The cubic has no zero if its four Bernstein coefficients have the same
         sign.
 

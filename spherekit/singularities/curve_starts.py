@@ -368,8 +368,10 @@ def points_from(
 ) -> LocusPoints:
     """Return the singular configurations that Newton's method reaches from given ones.
 
-    Newton's method changes a configuration until it is singular. In most configurations,
-    all inputs but one are locked meanwhile, so that these inputs stay in their ranges.
+    Newton's method changes a configuration until it is singular. Meanwhile, all inputs but
+    one are locked, so that they stay in their ranges. The free input is another one for
+    each configuration in turn, and in some configurations no input is locked
+    (`_locked_input_conditions`).
 
     Parameters
     ----------
@@ -384,9 +386,10 @@ def points_from(
     -------
     At most n points.
     """
-    # A singular motion is a set of rates that close the loops while the inputs (type II) or
-    # the output (type I) rest. A regular configuration has none, so Newton's method starts
-    # with the rates at which the inputs, or the output, move least.
+    # Unknowns of Newton's method are the configuration and its singular motion. This is a
+    # set of rates that close the loops while the inputs (type II) or the output (type I)
+    # rest. A regular configuration has no such motion. Newton's method therefore starts
+    # with the closed motion in which the inputs, or the output, move least.
     motions = locus.measure(locus.tangent_space(values)).motion
     # (n, inputs - 1, V) the product of a matrix and the variables of a configuration has
     # the values of its locked inputs. Newton's method does not change these values.
@@ -403,10 +406,11 @@ def _locked_input_conditions(
 ) -> Floats:
     """Return linear conditions that lock all inputs but one in each configuration.
 
-    Newton's method changes configurations into singular ones under these conditions. With
-    two inputs, configuration 0 has the second input locked, configuration 1 the first
-    input, and configuration 2 no input. Configuration 3 begins again with the second
-    input. One of these choices may succeed where the others find nothing.
+    The caller searches for singular configurations by Newton's method. The method starts
+    from the given configurations and keeps the values of the locked inputs. With two
+    inputs, configuration 0 has the second input locked, configuration 1 the first input,
+    and configuration 2 no input. Configuration 3 begins again with the second input. One
+    choice of locked inputs may succeed where the others find nothing.
 
     Parameters
     ----------

@@ -109,13 +109,15 @@ class _LocusNodes(CurvePoints):
 def _equations_with_tangent(points: LocusPoints, tangents: Floats) -> Floats:
     """Return the linearised equations of points on a curve, with the tangent as last row.
 
-    The points are singular configurations. Each has a singular motion: rates that close the
-    loops while the inputs, or the output, rest. The unknowns of the equations are first the
-    change of the configuration, then the change of its singular motion.
+    The points are singular configurations. Each has a singular motion: rates of the
+    variables that keep the loops closed while the inputs (type II) or the output (type I)
+    rest. The unknowns of the equations are first the change of the configuration, then the
+    change of its singular motion.
 
     The equations leave one freedom, the change along the curve. The product of the last row
     and a change is the part of the change along the tangent. With this row the matrix is
-    regular except where curves cross.
+    regular except where curves cross. The caller compares the matrices before and after a
+    step, to test whether the step stays on its curve.
 
     Parameters
     ----------
@@ -124,8 +126,9 @@ def _equations_with_tangent(points: LocusPoints, tangents: Floats) -> Floats:
     tangents
         (n, V) tangents of the curve: changes of the V variables of the configuration.
     """
-    # The unknown change of the configuration is expressed by coordinates in this basis, so
-    # the tangent is, too. The last row has zeros for the change of the motion.
+    # The unknown change of the configuration has coordinates in this basis. The tangent is
+    # converted to the same coordinates. In the last row, zeros belong to the change of the
+    # motion.
     configuration_basis = points.bases.configuration
     tangent_rows = tangents[:, None]
     return append_conditions(points.equations, tangent_rows, configuration_basis)
@@ -277,10 +280,11 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def start_after_periods(
         self, starts: _LocusNodes, nodes: _LocusNodes, values: Floats
     ) -> _LocusNodes:
-        """Return the starts of curves, moved by whole periods, to test closed curves.
+        """Return the starts of curves, moved by whole periods of the variables.
 
         A curve of singular configurations closes if it returns to its start, up to whole
-        periods of the angles. Each configuration has a singular motion: rates that close
+        periods of the angles. To test this, the caller compares the moved start with the
+        last node. Each configuration has a singular motion: rates that close
         the loops while the inputs, or the output, rest. The motions at the start and at the
         last node must be the same, up to their arbitrary signs. If the motions differ, the
         start becomes NaN, and the curve does not close.

@@ -64,16 +64,17 @@ reciprocal condition number. Larger or smaller: as for `CONFIGURATION_ERROR_FACT
 
 @dataclass(frozen=True)
 class _AxisEstimate:
-    """The axis of one pole at n configurations, from one method.
+    """The axis of one pole at n configurations, from one of several methods.
 
-    A pole is the axis about which one link rotates relative to another.
+    A pole is the axis about which one link rotates relative to another. At each
+    configuration, the method with the smallest error is chosen.
 
     Attributes
     ----------
     direction
         (n, 3) unit vectors along the axis, of arbitrary sense.
     error
-        (n,) bounds of their errors (rad), NaN for unknown axes.
+        (n,) bounds of the errors of these directions (rad), NaN for unknown axes.
     """
 
     direction: Floats
@@ -296,7 +297,7 @@ def bound_velocity_rounding(
     Rounding is amplified near a crossing of curves of configurations, where the closure
     equations are nearly singular. With their reciprocal condition number k, a configuration
     has an error of about EPS / k. Velocities at this configuration have an error of
-    about EPS / k^2. The bound is a sum of multiples of both.
+    about EPS / k^2. The bound is the sum of these errors, each times a constant factor.
 
     Parameters
     ----------
@@ -328,9 +329,11 @@ def bound_velocity_rounding(
 def _choose_projection(w: Floats) -> Floats:
     """Return the direction along which a component of a relative rate is examined.
 
-    The direction is `PROJECTION`, unless the pole axis is nearly at right angles to it on
-    the whole curve. For such an axis the component along `PROJECTION` is zero or lost in
-    rounding, and no zero of w could be located by it.
+    The caller finds the zeros of w, where two links rest relative to each other. For this
+    it looks for zeros of one component of w, along the direction that is returned here.
+
+    The direction is `PROJECTION`, unless w is nearly at right angles to it on the whole
+    curve. The component along `PROJECTION` would then be zero or lost in rounding.
 
     Parameters
     ----------

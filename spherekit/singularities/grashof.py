@@ -38,8 +38,8 @@ class Grashof:
     input, output
         Names of the input link and of the output link.
     fixed
-        Name of the fixed link, relative to which both turn, if it is not the ground.
-        Otherwise None.
+        Name of the fixed link. The input and output links turn relative to it. None if the
+        fixed link is the ground.
     """
 
     name: str

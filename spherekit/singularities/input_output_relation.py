@@ -312,12 +312,16 @@ def _third_axis_of_shared_link(links: FourLinks) -> ThirdAxis:
     """Return the third axis of rotation if two of the links i, r, o, s are the same.
 
     The output is the rotation of o relative to s, the input the rotation of i relative
-    to r. With a shared link there are three links, and a third relative rotation. It is
-    the sum or the difference of output and input.
+    to r. If both share a link, there are three different links. The two links that are not
+    shared rotate relative to each other about the third axis. This rotation is the sum or
+    the difference of output and input.
 
-    The result also has a sign for the relation c y' = d q' between the rates of output and
-    input. `ThirdAxis` derives this sign. The end of a label, such as ".2", is the number of
-    the case in R. Di Gregorio's lecture on singularities. Two cases have no number.
+    The third axis occurs in the relation c y' = d q' between the rates y' of the output and
+    q' of the input. The result has the sign of d, which `ThirdAxis` derives.
+
+    The result also has the end of the label of a condition for a singularity, such as ".2"
+    in the label "II.2". The end is the number of the case in R. Di Gregorio's lecture on
+    singularities. Two cases have no number.
     """
     # The name of an axis has the letters of its two links. "or_" and "is_" have an
     # underscore, because "or" and "is" are words of Python.

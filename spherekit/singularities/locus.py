@@ -353,16 +353,17 @@ class _LocusTangents:
     The locus is the set of all singular configurations of one type. For a mechanism with V
     pair variables and g degrees of freedom it has g - 1 dimensions. Each point has a
     singular motion: rates that close the loops while the inputs or the output rest.
+    `SingularityLocus.project` returns the tangents with the points of the locus.
 
     Attributes
     ----------
     values
-        (n, V, g - 1) orthonormal changes of the variables along the locus.
+        (n, V, g - 1) the tangents: columns of orthonormal changes of the V variables.
     motion_derivatives
-        (n, V, g - 1) derivatives of the singular motion along these changes.
+        (n, V, g - 1) derivatives of the singular motion, one column for each tangent.
     reciprocal_condition
-        (n,) measure of regularity: 0 where the locus crosses itself, and at points that are
-        not finite.
+        (n,) how regular the locus is (`_measure_regularity`), at most 1. It is 0 where the
+        locus crosses itself, and where its equations are not finite.
     """
 
     values: Floats

@@ -315,7 +315,7 @@ def least_transmission(
 def _inputs_and_modes(
     sampled: SampledSingularities, curve: int, s: float, values: Floats
 ) -> list[tuple[float, tuple[int, ...]]]:
-    """Return all inputs in the range that have a certain configuration, with its modes.
+    """Return the inputs in the range at which a configuration occurs, with its modes.
 
     The configuration can occur at several inputs, which differ by whole periods. An
     assembly mode is a way to assemble the mechanism. If no known mode has the configuration
@@ -327,7 +327,7 @@ def _inputs_and_modes(
         The singularities on all curves of configurations, and the range of the input.
     curve, s
         Index of the curve with the configuration, and its arc length on the curve (rad).
-        This place determines the assembly modes.
+        The curve and the arc length determine the assembly modes.
     values
         (variables,) the variables of the configuration (rad), which include the input.
 
@@ -466,9 +466,9 @@ def _minima_in_lap(
     is_in_lap = since_start >= -EQUAL_MINIMUM_RAD
     is_in_lap &= since_start < curve.length + EQUAL_MINIMUM_RAD
     positions, values = positions[is_in_lap], values[is_in_lap]
-    # The differences of all positions from those of all others a lap later.
-    lap_misses = np.subtract.outer(positions, positions + curve.length)
-    is_repeated = np.any(np.abs(lap_misses) < 2.0 * EQUAL_MINIMUM_RAD, axis=1)
+    # A minimum is repeated if its position is that of another one plus a lap.
+    lap_differences = np.subtract.outer(positions, positions + curve.length)
+    is_repeated = np.any(np.abs(lap_differences) < 2.0 * EQUAL_MINIMUM_RAD, axis=1)
     return np.mod(positions[~is_repeated], curve.length), values[~is_repeated]
 
 

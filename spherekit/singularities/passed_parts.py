@@ -51,20 +51,24 @@ class SimulatedRows:
 class PassedPart:
     """A part of one curve of configurations that a simulation passes without leaving it.
 
+    Curves end a little before the points at which they cross. If the simulation passes a
+    crossing, the part reaches to the end of its curve.
+
     Attributes
     ----------
     curve
         Index of the curve.
     start, stop
         Smallest and largest arc length (rad) of the part. On a closed curve arc lengths
-        continue from lap to lap. At a crossing with other curves the part has the end of
-        the curve, which is a little before the crossing.
+        continue from lap to lap.
     lap
         Length of a closed curve (rad), infinite for an open one.
     shift
-        Input of the simulation minus input on the curve (rad): whole periods.
+        Input of the simulation minus input on the curve (rad). It is a multiple of the
+        period of the input, after which configurations repeat.
     assembly_modes
-        Numbers of the assembly modes of the rows.
+        Numbers of the assembly modes (ways to assemble the mechanism) of all rows (samples)
+        of the simulation on this part.
     """
 
     curve: int
@@ -75,18 +79,22 @@ class PassedPart:
     assembly_modes: frozenset[int]
 
     def find_passages(self, s: Floats, tolerance: float = 0.0) -> Floats:
-        """Return the arc lengths (k,) at which the part passes points of its curve.
+        """Return the arc lengths (k,) at which the simulation passes points of the curve.
+
+        The points are singularities, for example. The part may extend over several laps of
+        a closed curve, and then passes a point once in each lap.
 
         Parameters
         ----------
         s
-            (n,) arc lengths (rad) of the points, in any lap of a closed curve. The result
-            has them in each lap of the part.
+            (n,) arc lengths (rad) of the points. On a closed curve they may be in any lap.
         tolerance
-            Points beyond the ends by less than this (rad) are given as the ends.
+            Points beyond an end of the part by at most this arc length (rad) count as
+            passed. The result has the end itself for them.
         """
         if np.isfinite(self.lap):
-            # One more lap at both ends, because of the tolerance.
+            # The points are repeated in all laps of the part, and in one more lap at each
+            # end. There, points can be within the tolerance of the end.
             first_lap = np.floor(self.start / self.lap) - 1.0
             last_lap = np.floor(self.stop / self.lap) + 1.0
             laps = np.arange(first_lap, last_lap + 1.0)
@@ -240,18 +248,26 @@ class _PartFinder:
                     yield s
 
     def find_common_ends(self, visit: Indices, next_visit: Indices) -> list[float]:
-        """Return the ends of two curves (rad) at which a simulation passes between them.
+        """Return the ends of two curves at which a simulation passes between them.
 
-        Both ends are at one crossing and have the same input. If there are several, those
-        nearest to the rows are returned. The list is empty if there are none.
+        The caller extends the passed part of each curve to the end of the curve. Curves end
+        a little before a crossing, and an end is given by its arc length. A visit is the
+        indices (k,) of rows (samples of the simulation) that are on one part of a curve.
 
         Parameters
         ----------
         visit, next_visit
-            The visits before and behind the crossing.
+            Two successive visits, before and behind the crossing.
+
+        Returns
+        -------
+        The arc lengths (rad) of the end of the first curve and of the end of the second.
+        Both ends are at one crossing and have the same input. If several pairs of ends are
+        possible, the pair nearest to the last row before and the first row behind the
+        crossing is returned. The list is empty if there are none.
         """
         last_row, next_row = visit[-1], next_visit[0]
-        # The distance of the ends from the rows, and both ends.
+        # For each possible pair: the sum of the distances from the rows, and both ends.
         candidates: list[tuple[float, list[float]]] = []
         for crossing in range(len(self.crossings)):
             for s in self._ends_at_crossing(last_row, crossing):

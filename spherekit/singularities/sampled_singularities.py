@@ -666,7 +666,8 @@ class SampledSingularities:
         y' of the output link and the rate q' of the input. c is 0 at type II (the input
         rests), d is 0 at type I (the output rests). An output has one or two relations:
 
-        - In form i, y' is the rate of the output link relative to its own reference link.
+        - In form i, y' is the rate of the output link relative to the reference link of the
+          output.
         - In form ii, y' is its rate relative to the reference link of the input.
 
         Returns
@@ -701,12 +702,14 @@ class SampledSingularities:
     def _measures_on_curve(
         self, number: int, s: Floats
     ) -> dict[tuple[int, Form], dict[str, Floats]]:
-        """Return how near points of one curve are to singularities, for each output.
+        """Return how near the points of one curve are to singularities, for each output.
 
-        The curve consists of configurations of the mechanism. An output has one or two
-        relations c y' = d q', where q' is the rate of the input. y' is the rate of the
-        output link relative to a reference link: that of the output in form "i", and that
-        of the input in form "ii".
+        `measures` combines the results of all curves. A curve consists of configurations of
+        the mechanism.
+
+        An output has one or two relations c y' = d q' between a rate y' of the output link
+        and the rate q' of the input. In form "i", y' is relative to the reference link of
+        the output. In form "ii", y' is relative to the reference link of the input.
 
         Parameters
         ----------
@@ -715,15 +718,17 @@ class SampledSingularities:
 
         Returns
         -------
-        Columns (m,) by name, for each output and each form of its relation.
+        Columns (m,) by name, for each output and each form of its relation. `measures`
+        explains the names.
         """
         curve_measures: dict[tuple[int, Form], dict[str, Floats]] = {}
-        # For each output the angle (m,) between the planes of the two links that place it.
+        # For each output the transmission angle (m,) of the two links in series that place
+        # the output link: the acute angle between their planes.
         angles = self.transmission_angles(self.curves[number].at(s).values)
         for output, transmission_angle in enumerate(angles):
             curve_relations = self.report.evaluate_relations(number, s, output)
-            # By name: angles that vanish at types I and II, and the changes of the input up
-            # to the nearest singularities.
+            # For types I and II: an angle that vanishes at singularities of the type, and
+            # how far the input is from its value at the nearest one on the curve.
             distances_and_margins = self._distances_and_margins(number, s, output)
             for relation in curve_relations.relations:
                 curve_measures[output, relation.form] = {
@@ -910,7 +915,8 @@ class SampledSingularities:
     def crossing_ends(self, curve: int) -> list[tuple[float, Floats]]:
         """Return the ends of a curve of configurations at crossings with other curves.
 
-        A curve ends a little before the crossing.
+        A curve ends a little before the crossing. With the result, callers can examine the
+        crossing itself, too.
 
         Parameters
         ----------
@@ -920,17 +926,18 @@ class SampledSingularities:
         Returns
         -------
         For each such end its arc length (rad), and the variables (variables,) of the
-        crossing (rad). These variables include the same whole revolutions as those at the
-        end of the curve.
+        crossing (rad). Whole revolutions are added to the variables, so that they differ
+        little from those at the end of the curve.
         """
         arc_curve = self.curves[curve]
         ends: list[tuple[float, Floats]] = []
         for crossing in self._crossings:
-            for number, s in crossing.places:
-                if number == curve:
-                    last_values = arc_curve.nodes.values[0 if s == 0.0 else -1]
-                    difference = arc_curve.wrapped(crossing.values - last_values)
-                    ends.append((s, last_values + difference))
+            for crossing_curve, s in crossing.places:
+                if crossing_curve == curve:
+                    # The first node of the curve, or the last one.
+                    end_values = arc_curve.nodes.values[0 if s == 0.0 else -1]
+                    difference = arc_curve.wrapped(crossing.values - end_values)
+                    ends.append((s, end_values + difference))
         return ends
 
     def _input_margin(self, number: int, output: int, kind: Type, s: Floats) -> Floats:

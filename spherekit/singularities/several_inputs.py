@@ -118,8 +118,10 @@ class SingularityMeasures:
     type_one_sine
         (n,) measure from 0 to 1, zero at type I. The rates of inputs and output in a motion
         are scaled to a vector of length 1. The measure is the smallest size that the rates
-        of the output can have in this vector. Motions in excess of the 3 rates of an
-        orientation, or the 2 rates of a direction, are not counted.
+        of the output can have in this vector. The output has 3 rates if it is an
+        orientation, and 2 if it is a direction. If the mechanism has more independent
+        motions than this, the output can rest in some motions at every configuration. These
+        motions are not counted.
     type_two_transmission
         (n,) measure from 0 to 1 of how firmly locked inputs fix the output, zero at type
         II. `Transmission` defines this measure.
@@ -541,16 +543,16 @@ def _find_single_input_motions(
 def _turning_directions(angular_velocity: Floats, sizes: Floats) -> Floats:
     """Return unit vectors along angular velocities of a link, NaN where the link rests.
 
-    They are also NaN for motions that are not unique. The link counts as resting if its
-    speed is a very small part of all rates in the motion, because such a speed can be
-    rounding.
+    They are also NaN for a motion that is not unique, because the links can move in several
+    ways. The link counts as resting if its speed is very small compared with the size of
+    all rates in the motion, because such a speed can be rounding.
 
     Parameters
     ----------
     angular_velocity
         (n, g, 3) angular velocities in g motions.
     sizes
-        (n, g) sizes of all rates in these motions, NaN for motions that are not unique.
+        (n, g) norm of all rates in each motion, NaN for motions that are not unique.
     """
     speed = np.linalg.norm(angular_velocity, axis=2, keepdims=True)
     is_turning = speed > SINGULAR_TRANSMISSION * sizes[..., None]

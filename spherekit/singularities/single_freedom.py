@@ -80,9 +80,9 @@ class CurveRelations:
     """Rates and input-output relations at n points of a curve of configurations.
 
     The input is the rotation of a link relative to its reference link, and so is the
-    output. A relation is an equation c y' = d q', where q' is the rate of the input and y'
-    a rate of the output link. c and d follow from the axes about which links turn relative
-    to each other, the pole axes.
+    output. A relation is an equation c y' = d q'. q' is the rate of the input. y' is the
+    rate of the output link, relative to its own reference link or to that of the input. c
+    and d follow from the pole axes, about which links turn relative to each other.
 
     Attributes
     ----------
@@ -151,7 +151,7 @@ class SingleFreedomSingularities:
         position_analysis
             A mechanism with one degree of freedom.
         curves
-            The curves of configurations that the mechanism passes.
+            Curves of configurations of the mechanism, along which velocities are needed.
         outputs
             Motions of a link relative to another: a text such as ``"4/1"``, or indices
             or names of both links.
@@ -242,12 +242,13 @@ class SingleFreedomSingularities:
         return links_by_form
 
     def _choose_auxiliary_link(self, links: FourLinks) -> int | None:
-        """Return the auxiliary link of a relation between an output and the input.
+        """Return the auxiliary link of a second relation between an output and the input.
 
-        The relation is an equation c y' = d q'. Input and output have the same reference
+        A relation is an equation c y' = d q'. Here input and output have the same reference
         link r: q' is the rate of link i relative to r, and y' is the rate of link o
-        relative to r. The coefficients c and d are computed with the help of any further
-        link, the auxiliary link.
+        relative to r. The caller makes a second relation, because the first one is useless
+        in some configurations. Its coefficients c and d are computed with the help of any
+        further link, the auxiliary link.
 
         Both coefficients contain the sine of the angle between two axes: those about which
         links o and i turn relative to the auxiliary link. The relation is most accurate if
@@ -258,8 +259,8 @@ class SingleFreedomSingularities:
         Parameters
         ----------
         links
-            The input link i, the output link o, and their reference link, which is both r
-            and s.
+            The input link i, the output link o, and their reference link. It is stored
+            twice: as `r`, the reference of the input, and as `s`, that of the output.
         """
         link_count = len(self.position_analysis.mechanism.links)
         # Any link that is none of i, o and their reference link.
@@ -647,7 +648,8 @@ class SingleFreedomSingularities:
     def everywhere(self) -> int | None:
         """Number of degrees of freedom, if the mechanism has more than one everywhere.
 
-        A mechanism with one degree of freedom has curves of configurations, and the result
+        The caller then reports that the mechanism is singular everywhere. If curves of
+        configurations were found, the mechanism has one degree of freedom, and the result
         is None. Without curves, the number is computed at some configurations from the rank
         of the closure equations. At singular configurations this number is too large, so
         the smallest number counts. If it is 1 or 0, the result is None.
@@ -743,8 +745,8 @@ class _SingularCurveEnd:
         (variables,) variables of the crossing (rad). If the crossing was not located,
         the variables of the last computed point of a curve.
     places
-        Indices of the curves that end at the crossing, each with the arc length (rad) of
-        its end.
+        One item for each curve end at the crossing: the index of the curve, and the arc
+        length (rad) at which it ends.
     """
 
     crossing: Crossing | None
@@ -942,7 +944,7 @@ def _note_near_neighbours(
 
 
 def _format_undecided(distance: float, error: float) -> str:
-    """Return the note that a point of rest of input and output may also be two points.
+    """Return the note that input and output may come to rest at one point or at two.
 
     On a curve of configurations, the rate of the input is zero at one computed point, and
     the rate of the output at another point near it. The errors of these points are too
@@ -975,12 +977,13 @@ def _relative_rate(
     motion
         Angular velocities of all links at n configurations.
     axes
-        (n, 3) unit vectors by pole. The sense of the vectors decides the sign of the rate.
+        For each pole (two links) unit vectors (n, 3) along its axis. The sense of the
+        vectors decides the sign of the rate.
     links
         Indices of the two links.
     """
     link, reference = links
-    w, _ = motion.relative(reference, link)
+    w, _dw = motion.relative(reference, link)  # angular velocity and its derivative
     return np.vecdot(w, axes[pole_of(link, reference)])
 
 

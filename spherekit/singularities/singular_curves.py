@@ -126,8 +126,8 @@ class SingularCurves:
         What is known of curves that the search may have missed.
     stray
         (n, V) values of the V pair variables (rad) at n singular configurations from which
-        no curve could be followed. Curves cross there, or all configurations around are
-        singular.
+        no curve could be followed. Either curves cross at these configurations, or all
+        configurations around them are singular.
     everywhere
         Whether every configuration is of the type.
     """

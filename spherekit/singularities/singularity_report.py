@@ -137,8 +137,8 @@ class SingularityReport:
                 solver.mechanism, solver.assembly, output.link, output.relative_to
             )
         # The angular velocity of the output is the sum over the pairs on a path of links,
-        # from the reference link to the output link. This path is chosen within the part. A
-        # sense (+1 or -1) says in which direction the path passes a pair.
+        # from the reference link to the output link. A sense (+1 or -1) says in which
+        # direction the path passes a pair. The senses of a path within the part are used.
         if part is not None:
             output = replace(output, variable_senses=part.variable_senses)
         return SingularityReport(solver, output, kind, part)

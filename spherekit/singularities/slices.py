@@ -62,7 +62,8 @@ def solver_of(mechanism: Mechanism) -> PositionSolver:
 def configurations(solver: PositionSolver, q: Floats) -> tuple[Floats, Indices]:
     """Return the closed configurations of all assembly modes at given inputs.
 
-    An assembly mode is one of the ways to assemble the links at the same inputs.
+    An assembly mode is one of the ways to assemble the links at the same inputs. A search
+    for further configurations starts from the returned ones.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def configurations(solver: PositionSolver, q: Floats) -> tuple[Floats, Indices]:
         # Each group of links is a dyad (two links joined by a pair). A dyad can be
         # closed in two ways, which are distinguished by a sign.
         for signs in product((1, -1), repeat=len(solver.assembly.groups)):
-            # The number of the mode is a placeholder; `evaluate` uses only the signs.
+            # `evaluate` uses only the signs of the mode, so its number has no meaning here.
             mode = AssemblyMode(number=0, signs=signs)
             motion = solver.evaluate(mode, q)
             closed_rows = np.flatnonzero(motion.status == Status.OK)

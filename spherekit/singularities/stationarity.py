@@ -114,7 +114,10 @@ class OutputStationary:
         (V,) are the rates of the pair variables. E is the product A W^T. The rows of A (m,
         3) are the axes. The rows of W (V, 3) are the angular velocity of the output per
         unit rate of each variable. Both change with the configuration, so dE = dA W^T + A
-        dW^T.
+        dW^T. Callers compute from dE how E x changes near a singularity, where it is zero.
+
+        `changes` has d directions in the space of the variables for each of n
+        configurations.
         """
         linearisation = changes.linearisation
         axes = self._constrained_directions(linearisation)

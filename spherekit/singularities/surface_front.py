@@ -113,7 +113,8 @@ class SurfaceFront:
         A sheet is a part of a surface of singular configurations. Two sheets can pass each
         other at a small distance. Sheets differ in their singular motion: the rates of all
         variables in the motion in which the inputs, or the output, are at rest. The sign of
-        this motion is arbitrary and does not count.
+        this motion is arbitrary and does not count. The vertices show whether the mesh
+        already covers the configuration, and which of them a new triangle can use.
 
         Parameters
         ----------
@@ -132,16 +133,19 @@ class SurfaceFront:
     def mesh_all_surfaces(self) -> int:
         """Cover the surfaces of singular configurations that `search` finds with triangles.
 
-        Configurations with an input outside its range are no starts of a mesh. The mesh is
-        stored as `vertices` and `triangles`, incomplete if the limit of vertices or time is
-        reached.
+        A mesh starts at a found configuration if all its inputs are within their ranges,
+        and no triangles are near it yet. The mesh is stored as `vertices` and `triangles`.
+        It is incomplete if the limit of vertices or time is reached.
+
+        Newton's method may reach no first triangle at a configuration. If no other mesh
+        covers this configuration later, the text `search.time_limit.note` says so. With
+        this text, the mesh does not count as complete.
 
         Returns
         -------
-        Number of singular configurations within the ranges at which surfaces cross. No mesh
-        starts there, because the equations for Newton's method are nearly singular. The
-        number of those at which Newton's method reached no first triangle is noted in
-        `search.time_limit`.
+        Number of found configurations within the ranges of the inputs at which surfaces
+        cross. No mesh starts there, because the equations for Newton's method are nearly
+        singular.
         """
         crossings = 0
         seeds_without_triangle: list[LocusPoints] = []
@@ -293,16 +297,20 @@ class SurfaceFront:
     def _compute_vertices(
         self, starts: LocusPoints, offsets: Sequence[complex]
     ) -> list[LocusPoints | None]:
-        """Return the points of the surface above positions in its tangent planes.
+        """Return new vertices of the mesh on the surface of singular configurations.
 
-        A point of the surface is a singular configuration. It has a singular motion: rates
-        that close the loops while the inputs, or the output, rest. Newton's method solves
-        for the V pair variables of the configuration and for the motion together.
+        Each vertex is computed from a position in the tangent plane at an earlier vertex.
+        It is the point at which a line through the position, at right angles to the plane,
+        meets the surface.
+
+        Each point of the surface has a singular motion: rates that keep the loops closed
+        while the inputs, or the output, rest. Newton's method solves for the V pair
+        variables of the point and for this motion together.
 
         Parameters
         ----------
         starts
-            The k vertices at which the planes touch the surface.
+            The k earlier vertices, at which the planes touch the surface.
         offsets
             For each vertex a position in its tangent plane, as a complex number:
             coordinates (rad) along the two tangents, from the vertex.
@@ -310,7 +318,7 @@ class SurfaceFront:
         Returns
         -------
         One point for each position. None if Newton's method fails, if surfaces cross at the
-        point, or if the point belongs to another part of the surface.
+        point, or if the point is on another part of the surface than the earlier vertex.
         """
         # (k, 2) coordinates along the two tangents (k, V, 2) of each vertex.
         coordinates = np.stack([np.real(offsets), np.imag(offsets)], axis=1)

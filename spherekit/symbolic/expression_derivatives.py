@@ -46,8 +46,8 @@ def differentiate(
         """Return the derivative of a node, from the derivatives of its arguments."""
         if node in known_rates:
             return known_rates[node]
-        # A derivative of zero is the number 0.0, which counts as false. A node counts as
-        # true.
+        # If the derivatives of all arguments are the number 0.0, so is that of the node.
+        # For `any`, 0.0 counts as false, and a node counts as true.
         if not any(argument_rates):
             return 0.0
         return _CHAIN_RULES[node.operation](node, node.arguments, argument_rates)

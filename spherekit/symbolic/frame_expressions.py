@@ -73,8 +73,9 @@ def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, F
     for pair in mechanism.pairs:
         if not pair.kind.has_axis:
             continue
-        # With a reference pose, the values of the variables in this pose determine the x
-        # axes. With sizes, the file can add an offset to each variable (zero angle).
+        # With a reference pose, the angle between both x axes is the value of the variable
+        # in this pose. With sizes, the file can add an offset, the zero angle, to each
+        # variable.
         if isinstance(geometry, PoseGeometry):
             frames = _frames_from_pose(mechanism, geometry, design, pair)
         else:
@@ -158,13 +159,19 @@ def _rotate_by_size_changes(
 ) -> Exprs:
     """Return the frame of a pair in a link after changes of the link's sizes.
 
-    The first axis is the axis of the link's first R pair (revolute joint). Other axes of
-    the link have two sizes (rad): the arc from the first axis, and the angle of this arc
-    about the first axis. The axis at which angles are zero has an arc only, and an axis on
-    the line of the first one has no sizes. A change of the arc rotates the frame about the
-    normal of the plane of the arc. A change of the angle rotates the frame about the first
-    axis, and the normal with it. Only the normal at the original angle is known, so the
-    rotation by the change of the arc comes first.
+    The frame is known in the reference pose, a configuration for which the file states the
+    axes of all pairs. A design can replace sizes of the link by other values or by
+    expressions. The differences from the sizes in the reference pose rotate the frame.
+
+    The sizes (rad) of a pair of the link are an arc and an angle (see `pose_sizes`). The
+    arc leads to the axis of the pair from the first axis: that of the link's first R pair
+    (revolute joint). The angle, at the first axis, is counted from the first arc.
+
+    - A change of the arc rotates the frame about the normal of the plane of the arc.
+    - A change of the angle rotates the frame about the first axis.
+
+    The change of the angle would also rotate the plane of the arc. The known normal is that
+    in the reference pose, so the rotation by the change of the arc comes first.
 
     Parameters
     ----------
@@ -176,11 +183,11 @@ def _rotate_by_size_changes(
     link, pair
         Names of the link and of one of its pairs.
     frame
-        (3, 3) frame of the pair in the reference pose. For this pose the file states the
-        axes of all pairs.
+        (3, 3) frame of the pair in the reference pose.
     """
-    # The arc and the angle of this pair in the reference pose, by kind. The first axis of
-    # the link has no sizes.
+    # The arc and the angle of this pair in the reference pose, by kind. The first axis, and
+    # an axis collinear with it, has neither. The first arc, from which angles are counted,
+    # has no angle.
     pose_size_by_kind = {
         size.kind: size for size in pose_sizes(mechanism, link) if size.pair == pair
     }

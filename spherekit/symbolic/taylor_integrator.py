@@ -200,7 +200,7 @@ class Integrator:
         """
 
         def set_sign(adaptive: Any, sign: int) -> bool:
-            """Note the event, set its sign, and return whether to continue.
+            """Record the event, set its sign, and return whether to continue.
 
             The equations of motion have the sign of the event function as a parameter, such
             as the sense of dry friction. `event.switch` is the index of the parameter.
@@ -209,8 +209,9 @@ class Integrator:
             """
             time = float(adaptive.time)
             self.seen_events.append((index, time))
-            # The sign is 0 if the rate of the function is zero. The parameter stays the
-            # same. heyoka drops parameters after the last one that occurs in an expression.
+            # The sign is 0 if the rate of the function is zero. The parameter then stays as
+            # it is. heyoka's list of parameters ends with the last one that occurs in an
+            # expression, so `event.switch` can be beyond its end.
             if sign and event.switch < len(adaptive.pars):
                 adaptive.pars[event.switch] = sign
             # If dry friction holds a body at rest, the motion would switch to and fro
@@ -219,8 +220,7 @@ class Integrator:
             would_switch_back = event.sticks and event.sticks(
                 adaptive.state.copy(), time, adaptive.pars.copy()
             )
-            # After so many events it is assumed that the signs would change for ever
-            # (chattering).
+            # With more events, the signs would probably change for ever (chattering).
             has_too_many_events = len(self.seen_events) >= CHATTERING_EVENT_COUNT
             return not would_switch_back and not has_too_many_events
 
@@ -257,9 +257,10 @@ class Integrator:
     def step(self, max_length: float) -> tuple[StepEnd, float]:
         """Take one step, and return why it ended and its length (s).
 
-        A step also ends at some events. After a "switch", where the equations change
-        abruptly, the integration can continue. After an "event", the last element of
-        `seen_events`, the integration must end.
+        A step ends at its largest length, or earlier to keep its error within the
+        tolerance. Some events end a step, too. After a "switch", where the equations change
+        abruptly, the integration can continue. After an "event", the integration must end.
+        The last element of the attribute `seen_events` is this event.
 
         Parameters
         ----------

@@ -75,11 +75,12 @@ def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
     minors: dict[tuple[int, ...], Expr] = {}
 
     def form_minor(columns: tuple[int, ...]) -> Expr:
-        """Return the determinant of k columns in the last k rows of the matrix.
+        """Return the determinant of k columns in the last k rows of the whole matrix.
 
-        The determinant is expanded along the first of these rows. The sum has a term for
-        each column: the entry of the row times the determinant of the other columns in the
-        rows below. The signs of the terms alternate.
+        For all columns this is the determinant of the matrix. The determinant is expanded
+        along the first of the k rows. The sum has a term for each column: the entry of this
+        row times the determinant of the other columns in the rows below. The signs of the
+        terms alternate. `minors` keeps each determinant for further use.
         """
         if not columns:
             return 1.0  # the determinant of an empty matrix

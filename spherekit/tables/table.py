@@ -192,7 +192,7 @@ class Table:
     def stacked(
         self, mechanism: Mechanism, parts: Iterable[Mapping[str, Any]] = ()
     ) -> dict[str, Array]:
-        """Return the whole columns of a table whose rows are given in several parts.
+        """Return the complete columns of a table whose rows are given in parts.
 
         An analysis can thus make the rows of a table group by group.
 
@@ -253,11 +253,11 @@ class Table:
         )
 
     def named(self, data: "TableData", names: Mapping[int, str]) -> "TableData":
-        """Return the columns of the table with the names of assembly modes, if declared.
+        """Return the data with a further column of the names of assembly modes.
 
         An assembly mode is one of the ways to assemble the mechanism. A mechanism can name
-        its modes. `with_names` declares the column of the names. Without this column, the
-        data are returned as they are.
+        its modes. The table then declares a column of names, by `with_names`. If the table
+        declares no such column, the data are returned as they are.
 
         Parameters
         ----------

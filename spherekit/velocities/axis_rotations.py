@@ -227,9 +227,10 @@ class PairRotations:
     def sides_with_symbols(self) -> tuple[ProfileSide, ...]:
         """The profiles whose geometry at the contact is passed to functions as symbols.
 
-        A circle can be written as a rotation about its centre, and is then not listed
-        here. For any other profile, the tangent, point and curvature at the contact are
-        symbols (`contact_symbols`).
+        A profile is the curve of a link at a contact. A circle that is written as a
+        rotation about its centre needs no symbols and is not listed. For any other profile,
+        the tangent, point and curvature at the contact are symbols (`contact_symbols`).
+
         Compiled functions take the values of these symbols as arguments after the pair
         variables, in the order of the profiles here.
         """

@@ -356,8 +356,9 @@ def _vector_along_profile(
     Parameters
     ----------
     sign
-        1.0 for the profile of the first link of the contact, -1.0 for the other
-        profile.
+        1.0 for the profile of the first link of the contact: the second link turns relative
+        to it. -1.0 for the profile of the second link: the first link turns, so the
+        relative velocity has the opposite sign.
     side
         The profile.
     link

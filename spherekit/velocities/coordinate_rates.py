@@ -104,8 +104,8 @@ class CoordinateRates(VelocityEquations):
             The rate of each driven pair (joint), by the index of the pair.
         offsets
             By the index of a pair, a vector (3,) that is subtracted from its angular
-            velocity in the loop equations. For accelerations the offset contains the terms
-            that do not depend on the unknowns.
+            velocity in the loop equations. For accelerations the offset is minus the part
+            of the relative acceleration that depends on velocities only.
         """
         # Each driven pair has a single variable.
         rate_by_variable = {
@@ -135,12 +135,12 @@ class CoordinateRates(VelocityEquations):
     ) -> list[Exprs]:
         """Return the known part (3,) of the relative angular velocity of each pair (joint).
 
-        Groups of links are solved one after another. The known part comes from the
-        variables whose rates are already known. Variables of later groups count as zero.
+        Groups of links are solved one after another. The caller needs the known parts for
+        the equations of the next group. The known part of a pair comes from the variables
+        whose rates are already known. The rates of all other variables count as zero.
 
-        The loop equations can have a known vector for each pair, its offset, which is
-        subtracted from the known part. For accelerations, the offset has the terms that do
-        not depend on the unknowns.
+        A pair can have an offset. In the loop equations, the offset is subtracted from the
+        angular velocity of the pair. So the offset is also subtracted from the known part.
 
         Parameters
         ----------
@@ -149,7 +149,8 @@ class CoordinateRates(VelocityEquations):
         offsets
             Offset vectors (3,) by the index of the pair, not multiplied by `scale`.
         scale
-            Common factor of the rates and of the result, which avoids divisions.
+            The product of the determinants of the groups solved before. Rates and result
+            are multiplied by it, so that nothing is divided by these determinants.
         """
         rates = [rate_by_variable.get(v, 0.0) for v in range(len(self.vectors))]
         velocities = self.pair_velocities(rates)
@@ -192,9 +193,10 @@ class CoordinateRates(VelocityEquations):
         the second link. The two frames coincide in a closed loop. The opening (closure
         residual) is the rotation vector from the former frame to the latter.
 
-        The size of the mechanism grows at the rate 1, while the variables stay constant.
-        The derivative of the opening is the difference of the angular velocities of the two
-        frames.
+        The size of the mechanism grows at the rate 1, while the variables of pairs stay
+        constant. The derivative of the opening is the difference of the angular velocities
+        of the two frames. From these derivatives the caller computes the rates of the
+        variables that close the loops again.
         """
         residual_rates: dict[int, Exprs] = {}
         for pair, frames in self._closing_frames.items():
@@ -213,7 +215,7 @@ class CoordinateRates(VelocityEquations):
         """Return the homogeneous angular velocity of a link in axes fixed in the link.
 
         A homogeneous velocity is the velocity while one input has the rate 1 and the others
-        rest, times the determinant of the velocity equations.
+        rest, times the determinant of the velocity equations. The factor avoids divisions.
 
         The components are along the columns of `LinkOrientation.basis`, three unit vectors
         that are fixed in the link. Along the basis the expressions are shorter than along

@@ -281,10 +281,11 @@ class DesignExpressions:
     def _refuse_second_curvature_derivative(self, items: Sequence[Expr]) -> None:
         """Raise `EngineError` if expressions have no derivatives with respect to sizes.
 
-        A profile that is not a circle has symbols for its curvature k at the contact and
-        for dk/ds and d2k/ds2, with the arc length s. A size can move the contact. The
-        derivative of d2k/ds2 would contain d3k/ds3, for which there is no symbol. Only
-        linearised motions contain d2k/ds2.
+        A profile is a curve along which a link touches another. If it is not a circle, it
+        has symbols for its curvature k at the contact and for dk/ds and d2k/ds2, with the
+        arc length s. A change of a size can move the contact along the profile. The
+        derivative of d2k/ds2 with respect to the size then contains d3k/ds3, for which
+        there is no symbol. Only linearised motions contain d2k/ds2.
         """
         symbols_in_items = set(iterate_nodes(items))
         sides = self.structure.pairs.sides_with_symbols

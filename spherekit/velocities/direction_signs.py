@@ -580,7 +580,9 @@ def _sign_changes(path: VelocityPath) -> Floats:
 
 
 def _interpolate_in_gaps(path: VelocityPath, gaps: Indices) -> Floats:
-    """Return a velocity v at positions between samples, by cubic Hermite polynomials.
+    """Interpolate a velocity v between samples by cubic Hermite polynomials.
+
+    The caller counts with the interpolated values how often v reverses between two samples.
 
     The polynomials use v and the derivative of v with respect to the coordinate of the
     path. Between two samples with opposite senses of the input, the derivatives cannot be

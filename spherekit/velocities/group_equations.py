@@ -94,7 +94,7 @@ class LoopVectorEquation:
     Attributes
     ----------
     vectors
-        (3,) vector a_v of each unknown variable v: the relative angular velocity of the
+        By unknown variable v, its vector a_v (3,): the relative angular velocity of the
         links of its pair at unit rate. If the loop passes the pair from its second link to
         its first, the vector has the opposite sign.
     known_part
@@ -243,13 +243,15 @@ class GroupEquations:
         """Choose independent scalar velocity equations, one for each unknown rate.
 
         Some equations of a mechanism can follow from others. A QR decomposition with
-        pivoting finds independent ones, at one configuration.
+        pivoting finds independent ones, at one configuration. The rates of the unknowns are
+        later computed from the chosen equations only.
 
         Parameters
         ----------
         vectors
-            (variables, 3) vectors of all variables at this configuration: relative angular
-            velocities of the links of their pairs per unit rate.
+            (variables, 3) a vector for each variable of a pair at this configuration: the
+            angular velocity of one link of the pair relative to the other, per unit rate of
+            the variable.
 
         Raises
         ------

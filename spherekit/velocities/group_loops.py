@@ -100,8 +100,8 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
     Bodies and pairs are numbered by their indices in the group.
     """
     leaves: dict[int, list[int]] = {}
-    # Of two neighbours, the body that is tried first becomes a leaf. Any order of the
-    # bodies is possible.
+    # If only one of two neighbours can be a leaf, it is the one that is tried first. Any
+    # order of the bodies gives valid leaves.
     for body in reversed(range(len(group.bodies))):
         body_pairs = [k for k, ends in enumerate(group.ends) if body in ends]
         neighbours: set[int] = set()

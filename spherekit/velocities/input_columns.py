@@ -56,8 +56,9 @@ FIELD_PARTS = (*(x.name for x in POLE_QUANTITIES), *POLE_ERRORS, "w", "dw")
 class ColumnList:
     """Expressions that become the output columns of a compiled function (kernel).
 
-    Equal expressions usually share one column, which saves time. Columns whose sign is
-    changed after the evaluation are not shared.
+    Equal expressions usually share one column, which saves time. The sign of some columns
+    is changed after the evaluation. Such a column is not shared, because the other
+    quantities would change their sign too.
 
     Attributes
     ----------

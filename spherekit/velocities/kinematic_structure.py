@@ -200,8 +200,9 @@ class KinematicStructure:
     def _have_coincident_axes(self, first_variable: int, second_variable: int) -> bool:
         """Return whether two variables turn about the same axis of a common link.
 
-        Such variables cannot be eliminated from the equations together. Axes that contain
-        symbols for sizes of the mechanism count as different.
+        Two variables with this property cannot be eliminated from the equations together.
+        Axes can contain symbols for sizes of the mechanism. If their angle depends on
+        symbols, the axes count as different.
         """
         first_axes = self.fixed_vectors(first_variable)
         second_axes = self.fixed_vectors(second_variable)
@@ -303,9 +304,9 @@ def _find_closed_configuration(
 ) -> Floats:
     """Return the variables (rad) of a closed configuration within the input range.
 
-    At this configuration, independent equations are chosen if closure equations are
-    redundant. A few evenly spaced inputs are tried in all assembly modes (ways to assemble
-    the mechanism).
+    If velocity equations are redundant, the caller chooses independent ones at this
+    configuration. A few evenly spaced inputs are tried in all assembly modes (ways to
+    assemble the mechanism).
 
     Raises
     ------

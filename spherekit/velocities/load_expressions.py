@@ -205,13 +205,14 @@ def _ground_moment(
         return orientation.basis @ (constants(orientation.basis_from_link) @ moment)
     if arm is None:
         return components
-    # The components are in ground axes, so the arm is rotated (`direction`). The arm
-    # contains expressions if its sizes vary between designs.
+    # The components are in ground axes, so `direction` rotates the arm to ground axes. The
+    # arm contains expressions if its sizes vary between designs.
     if not all(isinstance(entry, float) for entry in arm):
         return cross(orientation.direction(vector(list(arm))), components)
-    # `direction` replaces components that are 0 or 1 up to rounding by exact values, which
-    # shortens products. Only a unit vector can be passed, so the length is applied
-    # afterwards. `hypot` forms no squares, which would underflow for tiny arms.
+    # An arm of numbers is divided by its length first. `direction` replaces numbers that
+    # are 0 or 1 up to rounding by exact values, which shortens products. A tiny arm
+    # itself would become 0. `hypot` avoids the squares of tiny components, which could
+    # underflow.
     length = hypot(*arm)
     return cross(orientation.direction(np.array(arm) / length) * length, components)
 

@@ -22,7 +22,8 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     A pivot is a loop with the variables for which its equations are solved: three
     variables, or fewer if some equations of the loop follow from other loops. The solution
     is inserted into all other loops. The pivots contain all variables but the inputs.
-    Entries are symbolic expressions.
+    Entries are symbolic expressions. The caller uses the inverse to bound the errors of
+    variables that open loops cause.
 
     Parameters
     ----------
@@ -34,8 +35,8 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
 
     Returns
     -------
-    (variables, loops, 3) change of each variable per unit right-hand side of each equation.
-    The change is 0 for inputs.
+    (variables, loops, 3) the change of each variable if the right-hand side of one equation
+    is 1 and all others are 0. The change is 0 for inputs.
     """
     loops, _, variable_count = equations.shape
     # The identity matrix beside the equations becomes the inverse.

@@ -178,9 +178,11 @@ def evaluate_unsigned(
 
 @dataclass
 class _PoleColumns:
-    """The quantities of one pole at n rows (configurations), while being completed.
+    """The quantities of one pole at n rows (configurations), as an intermediate result.
 
-    A pole is the axis about which one link rotates relative to another.
+    A pole is the axis about which one link rotates relative to another. `_add_pole` takes
+    the quantities from the velocity equations. It replaces some directions by those of the
+    plan, and sets doubtful numbers to NaN. At last it stores all arrays in a `PoleField`.
 
     Attributes
     ----------
@@ -403,8 +405,9 @@ def make_certified_field(
 def add_locked_pole(field: PoleField, motion: Motion, pole: Pole) -> None:
     """Add the pole of two links that cannot move relative to each other.
 
-    While all inputs but the moving one are locked, the two links are one body, without an
-    axis of relative rotation. Quantities that are 0 without relative motion, such as the
+    A pole is the axis of the relative rotation of two links. One input moves while the
+    other inputs are locked. The two links are then one body, without an axis of relative
+    rotation. Quantities that are 0 without relative motion, such as the
     relative angular velocity, are 0, and all others, such as directions, are NaN. In rows
     that failed, all quantities are NaN.
 
@@ -413,9 +416,9 @@ def add_locked_pole(field: PoleField, motion: Motion, pole: Pole) -> None:
     field
         The field, which is changed in place.
     motion
-        The n rows of the field.
+        The motion with the n rows of the field. It is not used here.
     pole
-        The two links.
+        The numbers of the two links.
     """
     is_ok = field.status == Status.OK
     pole_status = np.where(is_ok, Status.NO_POLE, field.status).astype(np.int8)

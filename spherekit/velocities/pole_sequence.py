@@ -289,8 +289,9 @@ class PlannedPoles:
         w
             (3, n) angular velocity of each body relative to the ground, in ground axes.
         error
-            (n,) the largest error bound of the velocities relative to body a, each as in
-            `_velocity_by_poles`. `MAX_DIRECTION_ERROR_RAD` if nothing is known.
+            (n,) the largest error bound of the velocities relative to body a. Each is
+            divided by a speed of its body, see `_velocity_by_poles`.
+            `MAX_DIRECTION_ERROR_RAD` if nothing is known.
         """
         a, b = self.plan.ends[self.plan.input]
         input_axis = self.directions[pole_of(a, b)]
@@ -360,8 +361,8 @@ class PlannedPoles:
         with a third link.
 
         In place of links, the plan has bodies: sets of links that the locked inputs join.
-        The result is NaN if fewer than two circles exist, if both links belong to one body,
-        or where the two poles on a circle coincide.
+        The result is NaN if fewer than two circles exist, or if both links belong to one
+        body. In rows where both known poles of a circle coincide, it is NaN, too.
 
         Parameters
         ----------
@@ -442,8 +443,9 @@ def solve_null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
 
     Returns
     -------
-    The rates with norm 1, and a left inverse of the equations. Both are NaN at
-    configurations at which these equations are singular.
+    The rates with norm 1, and a left inverse of the equations. With the inverse, callers
+    compute derivatives of the rates (`NullMotion`) and estimate errors. Both are NaN at
+    configurations at which the equations are singular.
     """
     jacobian = tree.jacobian(vectors)
     n, _, count = jacobian.shape

@@ -162,7 +162,8 @@ def place_by_variables(
         find_spanning_tree(mechanism.ends) if steps is None else steps
     ):
         chain = pairs.chains[pair]
-        # The chain leads from the first link of the pair to the second.
+        # A chain is a product of rotations that leads from the first link of the pair to
+        # the second. It is reversed if the second link is the placed one.
         if mechanism.ends[pair][0] != parent:
             chain = chain.reversed()
         placed[child] = place_link(chain, placed[parent], variables)

@@ -365,10 +365,14 @@ class RowKernel:
     def evaluate_row(self, values: Sequence[float]) -> EvaluatedRow | None:
         """Evaluate a single row (configuration). Return None if it cannot be certified.
 
+        This is a fast way for one row. If the result is None, the caller evaluates the row
+        in the ordinary, slower way.
+
         A row is certified if its loops are closed up to rounding and the sum of its
         uncertainties is at most 1. An uncertainty is a condition number or an error bound,
         relative to the largest allowed one. If the sum is at most 1, so is each
-        uncertainty. Profiles with columns (`profiles`) are not supported.
+        uncertainty. The mechanism must have no contact curves in `profiles`, because their
+        values at the contacts are not computed here.
 
         Parameters
         ----------
@@ -418,7 +422,11 @@ class RowKernel:
 
     @property
     def _quality_expressions(self) -> dict[Any, Sequence[Expr]]:
-        """Expressions that decide whether a row (configuration) is accurate, by name.
+        """Quality measures of a row (configuration) and related expressions, by name.
+
+        The first three say how accurate the row is. `find_slice_reversals` reads the
+        others: from the velocities it finds the rows between which the direction of a pole
+        (axis of relative rotation) may reverse.
 
         - ``"uncertainties"``: error bounds or condition numbers, each divided by the
           largest allowed one.
@@ -524,18 +532,21 @@ class RowKernel:
     def row_bounds(self) -> ColumnFunction:
         """Function of the numbers that tell how accurate a row (configuration) is.
 
-        The numbers are used to judge rows that are not certified as accurate, with a kernel
-        for a single moving input. The numbers are:
+        The kernel must have a single moving input. `RowVelocities` decides by these numbers
+        which rows are certified as accurate in float64. It also bounds the errors of the
+        other rows, which it computes again in quad precision. The numbers are:
 
         - ``"condition_number"`` of the loop equations.
         - ``"kantorovich_number"``: if it is at most 1/2, exactly one solution is near.
-        - ``"curvature_uncertainty"``: the sum of a positive number for each contact but
-          those of two circles. The number exceeds 1 if the two profiles (contact curves)
-          have nearly the same curvature, with which they hardly determine their motion. It
-          is NaN if the links would overlap.
-        - ``"inverse"`` of the loop equations: movement of each passive variable (not an
-          input) that closes a loop which is open about a ground axis, per unit of this
-          opening. Its shape (passive variables, loops, 3) is flattened.
+        - ``"curvature_uncertainty"``: the sum of `curvature_uncertainties`, which has a
+          positive number for each contact, except contacts of two circles. A number exceeds
+          1 if the two profiles (contact curves) have nearly the same curvature. They then
+          hardly determine their motion. If the sum is at most 1, no contact has this
+          problem. The sum is NaN if the links would overlap.
+        - ``"inverse"`` of the loop equations. A small rotation about an axis of the ground
+          may be missing to close a loop. The inverse has the movement of each passive
+          variable (not an input) that closes the loop, per rad of this rotation. Its shape
+          (passive variables, loops, 3) is flattened; the 3 are the axes of the ground.
         - ``"dw_error"``: error bound of dw, the derivatives of the angular velocities
           of all links with respect to the input.
         - ``"rate_residual"``, ``"acceleration_residual"``: how well the rates and their
@@ -580,9 +591,9 @@ def row_kernel(
     engine
         What evaluates the expressions: "numpy", or "compiled" (heyoka).
     order
-        The order in which variables are eliminated from the loop equations. A good order
-        divides by no number near zero. By default the order is chosen that is good at the
-        largest number of configurations of the motion.
+        The order in which variables are eliminated from the loop equations. An order is
+        good at a configuration if the elimination divides by no number near zero there. By
+        default the order is chosen that is good at the largest number of configurations.
 
     Returns
     -------
@@ -590,7 +601,8 @@ def row_kernel(
         None if no order is good at any configuration, or if the elimination of the
         expressions divides by zero.
     """
-    # The pivots of an order are loops with the variables for which they are solved.
+    # A pivot is a loop with the variables for which its equations are solved. `pivots` has
+    # them in the order of elimination.
     pivots = choose_order(motion) if order is None else order
     if pivots is None:
         return None

@@ -124,8 +124,8 @@ class RowQuantity:
 class QuantityTable(dict[str, RowQuantity]):
     """Declarations of all quantities that can be computed for a configuration, by name.
 
-    Configurations (rows) belong to designs of a mechanism, and have rates and accelerations
-    of the inputs. The quantities are computed by methods of `DesignExpressions`.
+    A row is one configuration of one design of the mechanism, with the rates and
+    accelerations of its inputs. Methods of `DesignExpressions` compute the quantities.
     """
 
     def add(
@@ -140,7 +140,7 @@ class QuantityTable(dict[str, RowQuantity]):
 
         Names of links and pairs can contain underscores, so two quantities can have the
         same name. An example is ``pole_1_2_3_x``, which can be links "1" and "2_3", or
-        "1_2" and "3". Such a name is refused when it is used.
+        "1_2" and "3". Adding both quantities raises no error, but asking for the name does.
 
         Parameters
         ----------
@@ -242,7 +242,7 @@ def _add_kinematic_quantities(
     moving_inputs: Sequence[MovingInput],
     assembly: Assembly,
 ) -> None:
-    """Add the quantities of pairs (joints) and links to a table.
+    """Add the angles, rates, velocities and poles of pairs (joints) and links to a table.
 
     Each call of `add` states a name, its unit, a method of `DesignExpressions` and the
     arguments of this method. `add_vector` adds three components.
@@ -252,12 +252,12 @@ def _add_kinematic_quantities(
     table
         The table, which is changed in place.
     mechanism, assembly
-        The mechanism, and its groups: sets of links that are closed together. A group of
-        two links joined by a pair is a dyad, with a transmission angle at this pair.
+        The mechanism, and the groups of links that are placed one after another. A group
+        of two links joined by a pair is a dyad, with a transmission angle at this pair.
     moving_inputs
-        For each input an ending of names, and its index. The ending, such as ``_by_21`` for
-        the input at pair 21, marks quantities that depend on the moving input. With one
-        input, the ending is empty.
+        The inputs. Some quantities depend on which input moves. Their names have the ending
+        of this input, such as ``_by_21`` for the input at pair 21. With one input, the
+        ending is empty.
     """
     links = mechanism.links
     revolute_pairs = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
@@ -282,6 +282,8 @@ def _add_kinematic_quantities(
     for link, (row, column) in product(links, product(range(3), repeat=2)):
         name = f"orientation_{link}_{'xyz'[row]}{'xyz'[column]}"
         table.add(name, "", "orientation", link, row, column)
+    # The angular velocity per unit rate of the moving input, and ("_dq") the derivative of
+    # this velocity with respect to the angle of the input.
     for link, (ending, moving) in product(links, moving_inputs):
         for kind, unit in (("", ""), ("_dq", "1/rad")):
             name = f"angular_velocity{kind}_{link}"
@@ -298,12 +300,12 @@ def _add_output_quantities(
     An output is the orientation of a link relative to another one, or a direction fixed in
     this link (a pointing output). Its Jacobian has a column (3,) for each input. The column
     is the angular velocity of the link, or with two inputs and a pointing output, the rate
-    of the direction. With one input there is no condition number, because a single column
-    always has 1.
+    of the direction. With one input no condition number is added, because that of a single
+    column is always 1.
 
-    The determinant exists for three inputs. With two inputs and a pointing output, the
-    determinant is that of the two columns and the direction. Its size is the area that the
-    two columns span.
+    With three inputs, the determinant is that of the three columns. With two inputs and a
+    pointing output, it is that of the two columns and the direction. Its absolute value is
+    the area of the parallelogram of the two columns. In other cases there is none.
 
     Parameters
     ----------

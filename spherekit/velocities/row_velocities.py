@@ -239,16 +239,18 @@ class RowVelocities:
 
         A pole is the axis of the relative rotation of two links. Until this call, the
         velocity equations gave the angular velocities. The plan of the poles is another
-        method: poles are intersections of great circles, one after another. The derivatives
-        of the angular velocities still come from the equations.
+        method: poles are intersections of great circles, one after another. It is used on
+        the routes "first" and "conditioned". The derivatives of the angular velocities
+        still come from the equations.
 
         The error bounds of the equations do not apply to the plan. Three things are changed
         in place:
 
-        - No row counts as certified or as computed in quad precision any more.
-        - All angular velocities are for an input that moves at unit rate. For each pole,
-          the difference of the relative angular velocities by both methods is added to the
-          error of the velocity coefficient.
+        - No row counts any more as certified (its error bounds are small enough) or as
+          computed in quad precision.
+        - Both methods give the relative angular velocity of the two links of a pole, per
+          unit rate of the input. The size of the difference is added to the error of the
+          velocity coefficient of the pole, which is this velocity along the pole.
         - Rows in which the plan gives a direction with an error above `USABLE_DIRECTION`
           (rad) become ILL_CONDITIONED.
 
@@ -302,8 +304,9 @@ class RowVelocities:
         # the input.
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
         # Poles that are axes of pairs (joints) are known exactly. The directions of all
-        # other poles follow from the relative angular velocities v of their links. If the
-        # links rest, the pole has no direction that could be wrong.
+        # other poles (`_reversible_poles`) follow from the relative angular velocities v of
+        # their links. If two links do not move relative to each other, their pole has no
+        # direction that could be wrong.
         for pole in self._reversible_poles:
             errors = self.pole_errors[pole]
             v_size = norm_columns(self.relative_velocity(pole))
@@ -656,17 +659,17 @@ class RowVelocities:
         """Increase the errors of poles that are a common axis of several pairs, in place.
 
         A pole is the axis of the relative rotation of two links. Several pairs (joints) in
-        series can have one line as their axis, the pole. The line is not exactly known for
-        the `rounded_common_axes` of the plan, for which the rounded axes of the pairs
-        differ.
+        series can have one line as their axis, the pole. In the mechanism file, the axes of
+        these pairs are rounded numbers, which can differ a little. Then the pole is not
+        exactly known. The plan lists these poles as `rounded_common_axes`.
         """
         plan = self.request.plan
         for links, errors in self.pole_errors.items():
             if plan.pole(*links) not in plan.rounded_common_axes:
                 continue
             errors_of_axis = self._errors_of_common_axis(links)
-            # The direction error is stored for rows in which the plan replaces the
-            # direction and its error later.
+            # In some rows the plan of the poles later replaces the direction and its error.
+            # The error of the axis is then added again, so it is also stored by itself.
             self.axis_separations[links] = errors_of_axis["direction_error"]
             for name, error in errors_of_axis.items():
                 errors[name] += error
@@ -751,7 +754,8 @@ def _is_certainly_at_rest(
     """Return a mask (n,) of rows in which two links certainly have no relative motion.
 
     In such rows the relative angular velocity v of the two links of a pole, and its
-    derivative dv with respect to the input, are zero within small error bounds.
+    derivative dv with respect to the input, are zero within small error bounds. The pole
+    then has no direction that could be wrong.
 
     Parameters
     ----------
@@ -760,7 +764,8 @@ def _is_certainly_at_rest(
     v_size, dv_size
         (n,) lengths of v and dv.
     """
-    # The bounds for the components of v and dv along any axis also apply to their lengths.
+    # The errors bound the components of v and dv along any axis. The length of a vector is
+    # its component along itself, so the same bounds apply to lengths.
     v_error = errors["velocity_coefficient_error"]
     dv_error = errors["acceleration_coefficient_error"]
     is_zero = (v_size <= v_error) & (dv_size <= dv_error)

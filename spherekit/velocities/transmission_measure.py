@@ -344,17 +344,20 @@ def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
 
 
 def _output_motion_per_opening(output_motion: Floats, loop_equations: Floats) -> Floats:
-    """Return how much the output moves per unit opening of the loops.
+    """Return how much the output moves per unit opening of the loops, near a singularity.
 
-    The passive pairs (joints that no input locks) have the rates x. The output moves by A
-    x, and the loops open by J x. The result is A J^+. Near a singularity, J^+ could be
-    computed from rounding errors. The singular value decomposition J = U diag(s) V^T gives
+    The caller computes the transmission measure from the result. The passive pairs (joints
+    that no input locks) have play and move at the rates x. The output then moves by A x.
+    The relative velocities around the loops need not add up to 0. Their sums J x are called
+    the opening rates of the loops. The result is A J^+ with the pseudo-inverse J^+.
+
+    The singular value decomposition J = U diag(s) V^T gives
 
         A J^+ = (A V) diag(1 / s) U^T.
 
-    A column of V is a motion of the passive pairs, and the loops open by s in it. If s is
-    nearly 0 and the output does not move either, 1 / s is replaced by 0, because the motion
-    does not matter.
+    A column of V is a motion of the passive pairs, in which the loops open at the rate s.
+    Near a singularity, an s can be only a rounding error. If the output rests in the motion
+    of this s, 1 / s is replaced by 0, because the motion does not matter.
 
     Parameters
     ----------

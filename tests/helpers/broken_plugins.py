@@ -42,9 +42,9 @@ TIMES = []
 class Sound(AbstractAnalysis):
     """A sound plugin, without a mistake: angular velocity and speed of one link.
 
-    Broken plugins are derived from it. The link is the second one of the last pair. The
-    table has one row per sample and assembly mode (way to assemble the links), and the
-    scene a plot of the speed.
+    Broken plugins are derived from it. The link is the second of the two links that the
+    last pair of the mechanism joins. The table has one row per sample and assembly mode
+    (way to assemble the links), and the scene a plot of the speed.
     """
 
     name: ClassVar = "sound"

@@ -151,14 +151,14 @@ def degenerate(random, mechanism):
 
     Tests with it find faults that generic axes do not show. A change makes an axis equal or
     opposite to another, puts three axes on a great circle, puts one or all axes on symmetry
-    axes of the cube, or puts many into one plane. After half of the changes the first axis
-    is disturbed by 1e-1 to 1e-17, so that it is only nearly special. Changes prefer axes
-    that share a link.
+    axes of the cube, or projects many axes onto one plane. After half of the changes the
+    first axis is disturbed by 1e-1 to 1e-17, so that it is only nearly special. Changes
+    prefer axes that share a link.
     """
     assert isinstance(mechanism.geometry, PoseGeometry)
     axes = {name: np.array(axis) for name, axis in mechanism.geometry.axes.items()}
     names = list(axes)
-    neighbours = [  # pairs of R pairs that share a link
+    neighbours = [  # the names of any two R pairs that share a link
         (p.name, q.name)
         for k, p in enumerate(mechanism.pairs)
         for q in mechanism.pairs[:k]

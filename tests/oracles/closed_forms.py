@@ -81,7 +81,8 @@ B1B2."""
 def mid_plane_area():
     """Return the area (sr) of half of the workspace of a mid-plane mechanism.
 
-    The halves z > 0 and z < 0 are mirror images of each other.
+    Tests compare computed workspaces with this area. The halves z > 0 and z < 0 are mirror
+    images of each other.
 
     The mechanism is that of Z. Chen et al. (2021), source [2] of this module. Base and end
     effector are mirror images of each other in the mid-plane. B1 and B6 are axes on the
@@ -91,8 +92,9 @@ def mid_plane_area():
 
     Let m be the unit normal of the mid-plane with m . Q > 0, s1 = m . B1 and s6 = m . B6.
     The arc from B1 to its mirror image B3 is 2 arcsin(s1). A leg of two equal links spans
-    this arc. So the arc is at most twice the arc of a link, `MID_PLANE_LEG`. It is at least
-    `SMALLEST_ANGLE`. So s1 has a fixed range, and s6 has the same one by the other leg.
+    this arc. So the arc is at most twice the arc of a link, `MID_PLANE_LEG`. By a rule of
+    [2] it is at least `SMALLEST_ANGLE`. So s1 has a fixed range, and s6 has the same one by
+    the other leg.
 
     The area of P is the integral of the area per ds1 ds6 over this square.
     """

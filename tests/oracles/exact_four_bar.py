@@ -84,11 +84,12 @@ class FourBar(NamedTuple):
         return u31, ratio(u31, u["32"]), ratio(u["41"], u42)
 
     def inertia(self, tensors):
-        """Return the parts of links 2, 3 and 4 in the inertia B reduced to the input.
+        """Return the parts of links 2, 3 and 4 in the inertia B of the mechanism.
 
-        The part of link j is (w_j / w21)^2 u_j . I_j u_j, and B is the sum of the parts.
-        Link j rotates relative to the ground about the axis u_j with the angular velocity
-        w_j, and w21 is that of the input link 2. u31 is the axis of link 3.
+        B is the generalised inertia: the kinetic energy is B w21^2 / 2. The part of link j
+        is (w_j / w21)^2 u_j . I_j u_j, and B is the sum of the parts. Link j rotates
+        relative to the ground about the axis u_j with the angular velocity w_j, and w21 is
+        that of the input link 2. u31 is the axis of link 3.
 
         Parameters
         ----------

@@ -139,8 +139,8 @@ def _subjects(
 def _subject_columns(table: Table, frame: "pd.DataFrame") -> list[str]:
     """Return the names of the columns whose texts tell the subjects of rows apart.
 
-    The subject of a row is what its numbers describe, such as a pole. A column with the
-    same text in all rows is left out.
+    The subject of a row is what its numbers describe, such as a pole. The caller groups the
+    rows by these columns. A column with the same text in all rows is left out.
 
     Parameters
     ----------

@@ -332,8 +332,9 @@ def _plan_planes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigur
 def _plan_spheres(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
     """Plan the figures of curves and maps on the sphere, one for each page.
 
-    A page is the number of an assembly mode (way to assemble the mechanism), or a title. If
-    several scenes of one page have the same object, the object is drawn once.
+    A map is a part of the sphere that is coloured by a value at each point. A page is the
+    number of an assembly mode (way to assemble the mechanism), or a title. If several
+    scenes of one page have the same object, the object is drawn once.
 
     Parameters
     ----------
@@ -413,7 +414,7 @@ def _plan_axodes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigur
     """Yield a figure of the axodes for each assembly mode (way to assemble the links).
 
     Axodes are the paths of the axes of relative rotation (poles), as seen from a link. The
-    axodes are drawn with the link in its first pose.
+    axodes are drawn with the link in the first pose of the motion.
     """
     for scene in scenes:
         # The page of an assembly mode is its number. Pages with a title get no figure.
@@ -448,11 +449,11 @@ def _plan_diagrams(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFig
 def _group_items(
     scenes: Sequence[Scene], kind: type, attribute: str
 ) -> dict[tuple[str, Any], list[ShownItem]]:
-    """Group the drawn objects of one class by page and by one attribute.
+    """Group the drawn objects of one class by page title and by one attribute.
 
-    Objects of one group share a figure. The page of a scene is the number of an assembly
-    mode (way to assemble the mechanism), or a title. All assembly modes belong to one
-    group.
+    Figures are planned from these groups. The page of a scene is a title, or the number of
+    an assembly mode (way to assemble the mechanism). Scenes of assembly modes have no
+    title, so objects of different modes can be in one group.
 
     Parameters
     ----------

@@ -113,7 +113,7 @@ def draw_curves(
 def _draw_panel(
     panel: Axes, curves: Sequence[Curve], scale: float, looks: Sequence[Look]
 ) -> None:
-    """Draw curves in a panel, with its ranges and ticks.
+    """Draw curves in a panel, and set the ranges and ticks of its axes.
 
     Parameters
     ----------
@@ -123,8 +123,8 @@ def _draw_panel(
         For each curve its scene, which has the values on the horizontal axis, and its
         series, which has the values on the vertical axis. All series have one unit.
     scale
-        Largest magnitude of the quantities of the whole figure. Rounding errors are this
-        magnitude times `resolution`, the relative error of a series.
+        Largest magnitude of all values in the figure. Rounding errors are this magnitude
+        times `resolution`, the relative error of a series.
     looks
         For each curve the colour, line style and label. Coinciding curves are drawn with
         other line styles.

@@ -158,7 +158,7 @@ def _set_frame(panel: Axes, portrait: Portrait) -> None:
         The panel (axes of matplotlib).
     portrait
         The plot of one quantity against another, with ranges, labels and units. Linear axes
-        are a little wider than these ranges.
+        get a small margin at both ends of these ranges.
     """
     x_range = portrait.x_range
     y_range = portrait.y_range

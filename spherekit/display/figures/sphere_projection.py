@@ -59,7 +59,9 @@ STEREOGRAPHIC = Projection("stereographic", lambda angle: 2.0 * np.tan(angle / 2
 
 @dataclass(frozen=True)
 class SphereView:
-    """A map of the sphere seen from outside, about a centre on an axis of the ground.
+    """A map of the sphere as seen from outside.
+
+    The centre of the map is the point where an axis of the ground meets the sphere.
 
     Attributes
     ----------

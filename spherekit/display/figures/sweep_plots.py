@@ -240,7 +240,8 @@ def _draw_two_sizes(
         "vmax": limits[1],
     }
     table = rows.pivot_table(index=sizes[1], columns=sizes[0], values=merit)
-    # A table over the two sizes is mostly filled if the designs form a grid.
+    # If the designs form a grid, both sizes have several values, and the designs fill most
+    # cells of the table over both sizes. Half of the cells are enough here.
     is_grid = min(table.shape) > 1 and 2 * len(rows) >= table.size
     if is_grid:
         return axes.pcolormesh(

@@ -226,11 +226,21 @@ class PageMaker:
     def _make_formulas(self, names: Sequence[str]) -> Formulas:
         """Return formulas of quantities, after a check that the page can use them.
 
+        The page evaluates the formulas at samples of the inputs. Numbers of the mechanism
+        file with a slider are arguments of the formulas.
+
+        Parameters
+        ----------
+        names
+            Names of the quantities.
+
         Raises
         ------
         EngineError
-            If quantities depend on arguments that the page does not have, such as the time,
-            or if modes cannot pass a crossing of curves of configurations.
+            - If quantities depend on arguments that the page does not have, such as the
+              time.
+            - If modes should pass crossings of their configuration curves, but positions
+              have no closed form.
         """
         page_formulas = formulas(
             self._stated_mechanism,  # an object, a name or a path
@@ -242,8 +252,9 @@ class PageMaker:
         self._check_smooth_curves(page_formulas)
         self._check_arguments(page_formulas)
         # `mode_table` lists the assembly modes (ways to assemble the mechanism). The field
-        # `smooth` has the inputs at which curves of modes cross with the sizes of the file.
-        # A slider changes these inputs, so the page computes the crossings itself.
+        # `smooth` has the inputs at which the configuration curves of modes cross, for the
+        # sizes in the file. A slider changes these inputs. They are left out here, because
+        # the page computes the crossings itself.
         return replace(
             page_formulas, mode_table=page_formulas.mode_table._replace(smooth=None)
         )
@@ -281,8 +292,8 @@ class PageMaker:
 
         Configuration curves of two assembly modes (ways to assemble the mechanism) can
         cross. With the option "pass", a mode follows its smooth curve through the crossing.
-        This needs a closed form of the positions, because Newton's method cannot pass a
-        crossing.
+        On a page this needs a closed form of the positions. Without one, the page follows a
+        mode by Newton's method, which cannot pass a crossing.
 
         Parameters
         ----------
@@ -637,9 +648,9 @@ def _write_kernels(formulas_by_kernel: Mapping[str, Formulas]) -> str:
 
     The functions of a set are called a kernel. The exported code of a kernel defines
     ``NAME_about`` (a description of the formulas) and ``NAME`` (computes the results). If
-    positions have no closed form, ``NAME_step`` is a step of Newton's method. The result is
-    an object in which these are called `about`, `at` and `step`. Each kernel has a scope of
-    its own, since all kernels define the same names.
+    positions have no closed form, ``NAME_step`` is a step of Newton's method. The scripts
+    of the page read them as `about`, `at` and `step` of an object for each kernel. Each
+    kernel has a scope of its own, since all kernels define the same names.
 
     Parameters
     ----------
@@ -650,7 +661,7 @@ def _write_kernels(formulas_by_kernel: Mapping[str, Formulas]) -> str:
     for kernel, kernel_formulas in formulas_by_kernel.items():
         # The page is not a JavaScript module, so remove the word `export`.
         text = re.sub(r"^export ", "", source(kernel_formulas, "js"), flags=re.M)
-        # The first part of the names is found in the line "const four_bar_about = ...".
+        # NAME is read from the line "const NAME_about = ...".
         (name,) = re.findall(r"^const (\w+)_about\b", text, re.M)
         step = f"{name}_step" if kernel_formulas.step else "null"
         parts.append(

@@ -159,7 +159,7 @@ def plan_facts(pole_plan: Plan, suffix: str) -> Facts:
     link, or several links that locked inputs join. The dictionary has these keys:
 
     - ``moves``: the pair of the input that moves.
-    - ``end``: the parameter `suffix`.
+    - ``end``: the parameter `suffix`, with which the page forms the names of poles.
     - ``titles``, ``bodies``: for each body the names of all its links, joined by plus
       signs, and the name of its first link.
     - ``cells``: the table with a row and a column for each body.
@@ -172,8 +172,8 @@ def plan_facts(pole_plan: Plan, suffix: str) -> Facts:
     pole_plan
         The plan by which poles are constructed while one input moves.
     suffix
-        The end of the names of quantities while this input moves, such as ``_by_41``. Empty
-        if there is only one input.
+        The end of the names of velocity quantities, such as poles, while this input moves.
+        An example is ``_by_41``. Empty if there is only one input.
     """
     mechanism = pole_plan.mechanism
     bodies = pole_plan.bodies

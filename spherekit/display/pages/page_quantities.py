@@ -53,7 +53,7 @@ class ReversiblePole(NamedTuple):
 
     @property
     def signed_quantities(self) -> list[str]:
-        """Names of the quantities that change their signs with the sense of the axis."""
+        """Names of the quantities that change their signs if the axis is reversed."""
         links = f"{self.link}_{self.reference}"
         return [
             f"velocity_coefficient_{links}{self.input_suffix}",

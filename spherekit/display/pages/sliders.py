@@ -224,7 +224,10 @@ def _find_last_accepted(
 def _bisect_to_limit(
     document: Document, variable: DesignVariable, accepted: float, refused: float
 ) -> float:
-    """Return the last number with which a mechanism file can be read, by bisection.
+    """Return the number nearest to a refused one with which a file can be read.
+
+    The limit between numbers that the file accepts and refuses is found by bisection. It
+    becomes an end of the range of a slider.
 
     Parameters
     ----------

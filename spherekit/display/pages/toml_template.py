@@ -35,8 +35,8 @@ def split_at_numbers(document: Document, paths: Sequence[KeyPath]) -> list[str |
     """Cut the text of a mechanism file at the numbers that vary.
 
     An interactive page saves the file by putting the present numbers between the parts.
-    Comments and layout stay if all numbers are found in the text. Otherwise the text is
-    written anew from the data of the file.
+    Comments and layout stay if all numbers are found in the text. Otherwise new text is
+    written from the data of the file.
 
     Parameters
     ----------
@@ -50,8 +50,9 @@ def split_at_numbers(document: Document, paths: Sequence[KeyPath]) -> list[str |
     Texts, and between them integers. Each integer stands for the number with this index in
     `paths`.
     """
-    # Each mark is a number that no file contains. It has the form in which text that is
-    # written anew states this number.
+    # Each mark is a number that no file contains. The text is cut where it has exactly the
+    # characters of a mark. Text that is written anew states numbers as `repr` does, so the
+    # marks are written in this form, too.
     marks = [repr(float(_MARK_FORMAT.format(index + 1))) for index in range(len(paths))]
     text = document.text
     for path, mark in zip(paths, marks, strict=True):

@@ -25,7 +25,8 @@ def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object
     A pole axis is the axis about which one link rotates relative to another. A row is one
     picture of the mechanism, at one sample of its motion. If arrows cover each other, the
     first arrow is labelled with all their names, and the other arrows have an empty label.
-    Axes of pairs (joints, `primary`) and hidden arrows are left out.
+    Hidden arrows are left out, and so are the axes of pairs (joints), whose arrows have the
+    attribute `primary`.
 
     Parameters
     ----------
@@ -43,8 +44,8 @@ def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object
     directions = np.stack([arrow.directions for arrow in arrows], axis=1)
     # (rows, arrows) for each arrow the index of the arrow that is labelled with its name.
     label_owners = find_label_owners(directions)
-    # Many rows have the same owners, so the labels are written once for each different row
-    # (pattern).
+    # Many rows of `label_owners` are equal, so the labels are written once for each
+    # different row (pattern).
     patterns, pattern_of_row = np.unique(label_owners, axis=0, return_inverse=True)
     names = [arrow.label for arrow in arrows]
     labels = np.empty(patterns.shape, object)

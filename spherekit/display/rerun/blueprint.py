@@ -181,8 +181,8 @@ class Layout:
         Each page is a tab, for example one for each assembly mode (way to assemble the
         mechanism). Panels that are not needed are hidden.
         """
-        # Pages with results of analyses come first. Such a page is in `order` twice, and
-        # `index` finds its first place.
+        # Pages with results of analyses come first. `order` has them twice, and `index`
+        # finds the first of the two places.
         order = [*self.pages_with_findings, *self.pages]
         pages = [
             self._page(page, self.pages[page])

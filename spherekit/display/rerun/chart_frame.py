@@ -244,7 +244,8 @@ def tick_text(value: float, step: float) -> str:
     if not 1e-4 <= step < 1e6:
         significant_digits = SINGLE_TICK_DIGITS
         if step > 0.0:
-            # Neighbouring ticks differ in the last two digits, as for a step of 2.5e-6.
+            # The last two digits have the places of the two digits of the step, such as
+            # 1e-6 and 1e-7 for the step 2.5e-6.
             value_power, step_power = np.floor(np.log10([abs(value), step]))
             significant_digits = max(1, int(value_power - step_power)) + 2
         return f"{value:.{significant_digits}g}".replace("-", "\u2212")

@@ -68,17 +68,18 @@ class Charts:
         Parameters
         ----------
         scene
-            What is drawn on one page in this block. A page is the number of an assembly
-            mode (way to assemble the mechanism), or a title.
+            The scene (all drawings of one page in this block) with the series. A page is
+            the number of an assembly mode (way to assemble the mechanism), or a title.
         series
             The series: values (rows,) of one quantity, a label (name of the curve) and a
             heading (quantity with unit). Series with one heading on one page share a chart.
-            Over two axes each series is a map and has a chart of its own.
+            A series over two axes is drawn as a map, in a chart of its own.
         axes
-            The axes over which the series is drawn.
+            The axes over which the series is drawn: one for a curve, two for a map.
         changed_paths
             The paths of the series that were added in this block, by the path of their
-            chart. The method appends the path of this series.
+            chart. The method appends the path of this series. The caller passes all paths
+            to `log_block`, which writes the legends.
         """
         layout = self.layout
         is_map = len(axes) > 1

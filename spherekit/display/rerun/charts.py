@@ -282,8 +282,8 @@ class Chart:
             x = x[(x >= 0.0) & (x <= self.width)]
             tint = colours.tone_colour(mark.tone)
             yield f"marks/{number}", draw_lines([*vertical_lines(x)], tint, width=0.9)
-            # Names of successive kinds of marks are written in two rows in turn, so that
-            # they overlap less.
+            # The names of one item of `marks` are in one row. Successive items use an upper
+            # and a lower row in turn, so that names overlap less.
             y = MIN_LEGEND_LINE * (number % 2 - 0.4)
             names = [(line_x, y, mark.label) for line_x in x]
             are_names_shown = len(x) <= MAX_SHOWN_LABELS
@@ -396,9 +396,10 @@ def legend_style(
     Parameters
     ----------
     places, tints
-        (k, 2) place of each name, and its colour.
+        (k, 2) position of each name in the chart, and the k colours of the names.
     names
-        The names. None if the names contain values and are logged with each row.
+        The names, if they never change. None if the names contain values of the current row
+        (sample in an assembly mode). The caller then logs the names for each row.
     """
     return rr.Points2D.from_fields(
         positions=places, colors=tints, radii=0.0, show_labels=True, labels=names
@@ -518,7 +519,8 @@ def _map_picture(values: Floats, low: float, high: float) -> NDArray[np.uint8]:
     Parameters
     ----------
     values
-        (height, width) value of each pixel, the top row first. NaN without a sample.
+        (height, width) value of each pixel, the top row first. Pixels without a value are
+        NaN and get the colour of the background.
     low, high
         Values at the ends of the scale of colours.
 
@@ -534,8 +536,8 @@ def _map_picture(values: Floats, low: float, high: float) -> NDArray[np.uint8]:
     map_pixels[~np.isfinite(values)] = colours.BACKGROUND
     picture[:, :width] = map_pixels
 
-    # The scale has the highest value at the top. Its colours belong to the fractions from 0
-    # to 1.
+    # The scale has the highest value at the top. A pixel at the fraction f of its height
+    # has the colour of low + f (high - low).
     colour_column = colours.heat_colours(np.linspace(1.0, 0.0, height))
     picture[:, -round(MAP_SCALE_WIDTH) :] = colour_column[:, None]
     return picture

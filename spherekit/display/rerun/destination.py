@@ -139,7 +139,7 @@ class FileOutput:
             os.close(write_end)
 
     def _copy(self) -> None:
-        """Copy the recording from the pipe to the part file, until the stream ends.
+        """Copy the recording from the pipe to ``NAME.rrd.part``, until the pipe ends.
 
         The method runs in a thread, while the library rerun writes the recording to the
         pipe. After an error the rest of the pipe is read and dropped, because rerun would
@@ -533,7 +533,7 @@ class Outputs:
         stills
             The data, each with its path below `path`.
         destinations
-            Some of the destinations (files and viewers). By default all.
+            The destinations (files and viewers) that get the data. By default all.
         """
         for suffix, archetype in stills:
             entity = below(path, suffix)

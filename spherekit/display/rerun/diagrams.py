@@ -84,8 +84,8 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
 
     A row is the diagram at one sample of a motion, or in one step of a construction. The
     parts are points, their names, straight lines, and leaders (thin lines from a point to
-    its name). If each point has two angles to be listed as numbers (`readings`), they are
-    written in a legend. If each row has a text (`words`), the text is written below the
+    its name). If the diagram has two angles for each point (`readings`), a legend lists
+    their numbers. If each row has a text (`words`), the text is written below the
     frame.
 
     Yields

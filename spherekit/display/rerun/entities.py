@@ -137,8 +137,9 @@ def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
         The primitive. A `Portrait` is a plot of one quantity against another, with a mark
         at the current sample. A `Trace` is the path of a direction seen from a link.
     names
-        For a link, its own name and the names of its pairs (joints): the text, the place
-        (3,) in axes of the link, and whether it names a pair. Unused for other primitives.
+        For a link, its own name and the names of its pairs (joints). Each item has the
+        text, the place (3,) at which it is drawn, in axes of the link, and whether it names
+        a pair. Unused for other primitives.
 
     Yields
     ------
@@ -267,7 +268,7 @@ def _arrow_style(arrow: Arrow) -> Stills:
 
 
 def _arrow_columns(arrow: Arrow, labels: NDArray[np.object_] | None) -> Iterator[Moving]:
-    """Yield the directions of an arrow in all rows, and places of its label and trail.
+    """Yield the directions of an arrow in all rows, and positions of its label and trail.
 
     A row is one sample of the motion. Rows without a direction (NaN) get no arrow.
 

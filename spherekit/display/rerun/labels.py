@@ -305,8 +305,8 @@ class Names:
                 texts.append(label)
         requests = []
         for text, axis in zip(texts, axes, strict=True):
-            # Possible places (k, 3) in the axes of the link, and the middles (pictures, k,
-            # 2) of the name.
+            # Possible places (k, 3) of the name on the link, in the frame of the link. At
+            # each of them, the middle (pictures, k, 2) of the text in the pictures.
             places = PAIR_NAME_RADIUS * _places_around(axis, body.joints)
             centres = self._centres(rotations, places)
             requests.append(
@@ -386,13 +386,13 @@ def _name_half_size(text: str) -> Floats:
 
 
 def _picture_rotations(bodies: Sequence[Body]) -> list[Floats]:
-    """Return the rotations (pictures, 3, 3) of each link in the same few configurations.
+    """Return the rotations (pictures, 3, 3) of each link in a few configurations.
 
-    Names are placed where they cover each other little in these configurations. The
-    configurations are `MAX_PICTURES` evenly spaced rows (samples) of the motion, out of
-    those in which all links have an orientation. If there are fewer such rows, some occur
-    several times. A link at rest gets a single identity matrix, and so do all links if
-    there is no such row.
+    The configurations are called pictures, and are the same for all links. Names are placed
+    where they cover each other little in the pictures. The pictures are `MAX_PICTURES`
+    evenly spaced rows (samples) of the motion, out of those in which all links have an
+    orientation. If there are fewer such rows, some occur several times. A link at rest gets
+    a single identity matrix, and so do all links if there is no such row.
     """
     at_rest = np.eye(3)[None]
     moving = [body.quaternions for body in bodies if body.quaternions is not None]
@@ -447,9 +447,9 @@ def _places_around(axis: Floats, pair_axes: Floats) -> Floats:
 def _direction_away(axis: Floats, pair_axes: Floats) -> Floats:
     """Return the direction from the axis of a pair away from the other axes of its link.
 
-    The result is a unit vector (3,) at right angles to the axis. If there are no other
-    axes, or if they lie evenly around this axis, there is no such direction. Then an
-    arbitrary one is returned.
+    The name of the pair is preferably placed on this side of its axis. The result is a unit
+    vector (3,) at right angles to the axis. If there are no other axes, or if they lie
+    evenly around this axis, there is no such direction. Then an arbitrary one is returned.
 
     Parameters
     ----------

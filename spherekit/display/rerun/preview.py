@@ -71,7 +71,8 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     shapes = link_shapes(mechanism)  # what is drawn for each link
     with RerunRecorder(mechanism.name, path=path) as recorder:
         # Plans say how poles (axes of the relative rotation of two links) are constructed.
-        # The mobility is counted as in the position analysis (`by_rank`).
+        # They are shown as a text. The mobility is counted as in the position analysis
+        # (`by_rank`).
         pole_plans = plans(mechanism, position_analysis.by_rank)
         head = RecordingHead(
             scenes=[static_scene(pole_plans, shapes)],

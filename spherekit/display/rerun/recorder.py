@@ -234,8 +234,8 @@ class RerunRecorder:
         layout, timeline_note = self._make_layout(head, sight)
         # Each assembly mode has a page of the window, with a number and a title.
         layout.pages.update(head.assembly_modes.items())
-        # The property "logged" exists if not all samples are recorded, such as "one of 5
-        # successive samples".
+        # The recording has the property "logged" if not all samples are recorded. Its value
+        # is a text, such as "one of 5 successive samples".
         if "logged" in head.properties:
             timeline_note += f" This recording has {head.properties['logged']}."
         self._charts = Charts(layout, self._outputs)
@@ -266,14 +266,16 @@ class RerunRecorder:
             self._send_layout()
 
     def _make_layout(self, head: RecordingHead, sight: Sight) -> tuple[Layout, str]:
-        """Return an empty window layout, and a sentence about its timeline for the notes.
+        """Return an empty window layout, and a sentence about its timeline.
+
+        The text "About" of the recording contains the sentence.
 
         The viewer plays a recording along a timeline: of times if there are times,
         otherwise of inputs, otherwise of sample numbers. A timeline of inputs counts whole
         ticks of 1, 0.1, 0.01 or 0.001 degrees, because rerun has only whole numbers there.
 
-        This method also sets the range of times (s) or inputs (deg) for the axes of charts,
-        and the number of ticks per degree.
+        This method also stores the range of times (s) or inputs (deg) for the axes of
+        charts, and the number of ticks of the timeline per degree.
 
         Parameters
         ----------

@@ -130,7 +130,8 @@ def _resample(line: Floats) -> Floats:
     chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
     arcs = 2.0 * np.arcsin(np.minimum(0.5 * chords, 1.0))
     counts = np.maximum(np.ceil(arcs / MAX_PATH_STEP_RAD), 1).astype(np.int64)
-    # The new point `part` of `count` on the arc from `points[step]` to the next point.
+    # The arc from `points[step]` to the next point is divided into `counts[step]` parts. A
+    # new point is at the beginning of each part. `part` is the number of the part.
     step = np.repeat(np.arange(len(arcs)), counts)
     part = np.arange(len(step)) - np.repeat(np.cumsum(counts) - counts, counts)
     angle = arcs[step] * part / counts[step]

@@ -25,14 +25,15 @@ class Line:
 
 @dataclass(frozen=True)
 class Report:
-    """The result of checking an analysis (plugin): one line for each check, in their order.
+    """The result of checking an analysis (plugin): one line for each check.
 
     Attributes
     ----------
     analysis
         Name of the class, or the text that named the analysis.
     lines
-        The lines. ``report["blocks"]`` is the line with the name "blocks".
+        The lines, in the order of the checks. ``report["blocks"]`` is the line of the check
+        with the name "blocks".
     """
 
     analysis: str

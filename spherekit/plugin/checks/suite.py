@@ -158,6 +158,7 @@ class ConformanceSuite:
         if isinstance(self._checked, AbstractAnalysis):
             self._analysis = self._checked
         else:
+            # A class was given, not an object. It is constructed without parameters.
             with convert_plugin_errors(self._class.name, "its constructor"):
                 try:
                     self._analysis = self._class()
