@@ -645,7 +645,7 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
     ):
         # If one load is unknown, so is the largest load.
         if all(record[key] is not None for record in bearings.values()):
-            remarks += _describe_maximum(bearings, key, "N", quantity, are_bearings=True)
+            remarks += _describe_largest_load(bearings, key, quantity)
 
     # 3. Forces through the centre of the sphere.
     sentences_on_forces = _describe_open_forces(summary)
@@ -665,7 +665,9 @@ def _moment_table(records: Mapping[str, Any]) -> ScreenTable | None:
     Parameters
     ----------
     records
-        Results of each pair, by the name of the pair; see `_describe_maximum`.
+        Results of each pair, by the name of the pair. A record has the largest value of
+        all rows under each key. Its entry "at" has, by the same keys, the sample, the
+        assembly mode (way to assemble the mechanism) and the place in words.
     """
     key = "largest_transverse_moment_Nm"
     rows = []
@@ -685,29 +687,23 @@ def _moment_table(records: Mapping[str, Any]) -> ScreenTable | None:
     return ScreenTable(columns, tuple(rows))
 
 
-def _describe_maximum(
-    records: Mapping[str, Any],
-    key: str,
-    unit: str,
-    quantity: str,
-    are_bearings: bool = False,
+def _describe_largest_load(
+    records: Mapping[str, Any], key: str, quantity: str
 ) -> list[str]:
-    """Return a sentence about the largest value among pairs (joints) or bearings.
+    """Return a sentence about the largest load among bearings.
 
-    The list is empty if no value is known.
+    The list is empty if no load is known.
 
     Parameters
     ----------
     records
-        Results by the name of the pair or bearing. A record has the largest value of all
-        rows under each key. Its entry "at" has, by the same keys, the sample, the assembly
-        mode (way to assemble the mechanism) and the place in words.
+        Results by the name of the bearing. A record has the largest load of all rows under
+        each key, in N. Its entry "at" has, by the same keys, the sample, the assembly mode
+        (way to assemble the mechanism) and the place in words.
     key
-        Key of the value in each record.
-    unit, quantity
-        Unit of the value, and the quantity in words.
-    are_bearings
-        Whether the records are about bearings.
+        Key of the load in each record.
+    quantity
+        The load in words.
     """
     values = {
         name: record[key] for name, record in records.items() if record[key] is not None
@@ -717,15 +713,14 @@ def _describe_maximum(
     name = max(values, key=lambda candidate: values[candidate])
     # Two bearings support the moment of their pair by two opposite forces (couple forces).
     # Rounding errors of bearing loads are proportional to these forces, so a much smaller
-    # load counts as zero. Pairs have no couple force, so only an exact 0 counts as zero.
+    # load counts as zero.
     largest_couple_force = max(
-        record.get("largest_couple_force_N") or 0.0 for record in records.values()
+        record["largest_couple_force_N"] or 0.0 for record in records.values()
     )
     if values[name] <= ZERO_LOAD_RATIO * largest_couple_force:
         return [f"{quantity[0].upper()}{quantity[1:]}: 0 in every row in which it is known"]
-    location = f"({name})" if are_bearings else f"in pair {name}"
     _sample, _mode, place = records[name]["at"][key]
-    return [f"Largest {quantity}: {values[name]:.6g} {unit} {location} at {place}"]
+    return [f"Largest {quantity}: {values[name]:.6g} N ({name}) at {place}"]
 
 
 def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:

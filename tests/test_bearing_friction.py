@@ -147,6 +147,7 @@ def test_inverse_dynamics_with_friction_recovers_the_torque_of_a_simulation():
         assert table["tau"].to_numpy() == pytest.approx(torque, abs=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
     "name", ["four_bar", "five_bar", pytest.param("two_dof_spm", marks=pytest.mark.long)]

@@ -170,6 +170,7 @@ def test_curves_do_not_depend_on_the_pair_that_finds_them():
     assert np.allclose(*lengths, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("chain", "seed", "inputs"),
     [pytest.param(STEPHENSON, 11, 20, marks=pytest.mark.many)]

@@ -157,6 +157,7 @@ def test_tables_hold_the_requested_poles_only(twelve_bar, tmp_path):
     assert 50 < csv_bytes["wide"] / csv_bytes["narrow"] < 90
 
 
+@pytest.mark.slow
 def test_the_needed_part_of_a_mechanism_moves_as_the_whole(twelve_bar):
     """With `only_needed`, a part of the twelve-bar moves as in the whole mechanism.
 

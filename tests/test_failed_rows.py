@@ -237,6 +237,7 @@ def test_rows_of_relations_have_the_status_of_their_configuration(name, samples)
     assert (rows["status"].astype(str) == rows["status_of_motion"].astype(str)).all()
 
 
+@pytest.mark.slow
 @PARTLY_OUT_OF_REACH
 def test_rows_of_configurations_out_of_reach_are_no_failures_of_an_analysis(name, samples):
     """The summary of the run counts no failed row of the analysis."""

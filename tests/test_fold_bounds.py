@@ -76,6 +76,7 @@ def check_rows_beyond_a_dead_centre(rows):
     assert np.all(is_rounding_of_input | is_rounding_of_sizes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seeds", "least_rows"),
     [
@@ -108,6 +109,7 @@ def test_angles_at_folds_are_within_their_bounds_or_missing(seeds, least_rows):
     assert compared_rows >= least_rows
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("seed", range(3))
 def test_rows_of_a_chain_of_sixty_links_are_ok_within_their_bounds(seed):

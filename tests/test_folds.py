@@ -58,6 +58,7 @@ def test_half_tangents_of_a_flat_foldable_vertex_have_constant_ratios():
         assert valleys == 3
 
 
+@pytest.mark.slow
 def test_the_miura_unit_folds_as_one_by_its_closed_form():
     """The first mode of `miura_unit` is the Miura fold: tan(h/2) = cos(60 deg) tan(z/2).
 

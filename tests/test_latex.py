@@ -342,6 +342,7 @@ def largest_deviation(mechanism, text, evaluation, dynamics, row):
     return np.max(np.abs(deviations))
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("number", range(12))
 def test_printed_formulas_give_what_the_engine_gives(number):

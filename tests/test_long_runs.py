@@ -836,6 +836,7 @@ def samples_per_block(analyses, samples):
     return np.diff(done)
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
     ("analysis", "most"),

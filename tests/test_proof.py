@@ -245,6 +245,7 @@ def stretched(coupler):
     return decimal_mechanism(text.replace("arcs = [70.0]", f"arcs = [{coupler}]"))
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("digits", (6, 12, 28))
 def test_modes_however_close_are_told_apart_and_a_double_one_is_never_certified(digits):

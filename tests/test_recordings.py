@@ -512,6 +512,7 @@ def test_a_mechanism_that_does_not_close_everywhere_says_where_it_is_shown(tmp_p
     assert not (tmp_path / "b.rrd").exists()
 
 
+@pytest.mark.slow
 def test_a_preview_shows_the_first_input_tried_at_which_any_mode_exists(tmp_path):
     """Modes 0 to 3 of this mechanism exist near 100 deg, the others already at 70 deg.
 

@@ -79,6 +79,7 @@ def dead_centres_of_geared_five_bar(mechanism, low, high):
     return np.sort(dead_centres)
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
     ("low_deg", "high_deg"),
@@ -340,6 +341,7 @@ def test_a_search_without_time_says_so():
     assert "type I of" not in " ".join(result.summary["warnings"])
 
 
+@pytest.mark.slow
 def test_a_search_tells_what_it_does(monkeypatch):
     monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
     told = []
@@ -407,6 +409,7 @@ def test_mid_plane_loci_of_type_one_are_circles_at_the_limit_of_reach(mid_plane)
         assert np.max(np.min(np.abs(heights - np.sin(np.radians(40.0))), axis=1)) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
     "name", ["shaped_flat_cam", "shaped_cam", "roller_cam", "four_bar", "stephenson", DWELL]

@@ -464,6 +464,7 @@ def test_the_summary_of_a_four_bar_states_swing_transmission_angle_and_limits():
         assert f"{-angle % 360.0:.6g}" in remarks
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("rate", [6.0, -2.0])
 def test_a_simulation_lists_the_singularities_that_it_passes_in_each_turn(rate):

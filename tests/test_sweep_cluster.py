@@ -359,6 +359,7 @@ class FailedFuture:
         raise self.error
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("error", [OSError(28, "No space left"), TimeoutError("a lock")])
 def test_an_error_of_a_part_is_not_taken_for_a_lost_scheduler(error):
@@ -487,6 +488,7 @@ def test_no_scheduler_is_told(tmp_path, monkeypatch):
         sweep_on_cluster(None, "tcp://127.0.0.1:1")
 
 
+@pytest.mark.slow
 def test_a_part_that_does_not_appear_in_the_folder_is_missed(
     undisturbed, tmp_path, monkeypatch
 ):

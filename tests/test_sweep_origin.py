@@ -122,6 +122,7 @@ def test_parts_of_another_processor_are_recorded_and_reported(tmp_path):
     assert set(json.loads(metadata)["processor"]) == {"instructions", "blas", "arithmetic"}
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("library", ["spherekit", "numpy", "scipy", "heyoka", "machine"])
 def test_parts_of_other_versions_are_refused(library, folder_of_sweep, monkeypatch):

@@ -227,7 +227,7 @@ def follower_poles():
 @pytest.mark.parametrize(
     ("name", "key", "pair"),
     [
-        ("double_butterfly", "pairs.D.longitude", "D"),
+        pytest.param("double_butterfly", "pairs.D.longitude", "D", marks=pytest.mark.slow),
         ("roller_cam", "links.frame.arc", "follower_pivot"),
     ],
 )

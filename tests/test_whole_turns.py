@@ -132,6 +132,7 @@ CASES = [
 """Mechanism, passive pair with the coil, input angle (rad) and assembly mode."""
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name, pair, q, mode", CASES)
 def test_every_route_gives_the_same_force_after_whole_turns(name, pair, q, mode):

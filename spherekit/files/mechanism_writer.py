@@ -74,7 +74,7 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
             # A line is None if its text has ended.
             change = _describe_change(line or "", line_read_back or "")
             advice = "give only values that the file format has for this table"
-            if "xyz = " in change and "would become" in change:
+            if _changes_direction(line or "", line_read_back or ""):
                 advice = "give unit vectors"
             raise OutputError(
                 f"{mechanism.name}: {change} when the file is read back; {advice}"
@@ -104,6 +104,16 @@ def _describe_change(line: str, line_read_back: str) -> str:
         return f"{line} would become {value_read_back}"
     # The second text has another key here, so the key of `line` is lost.
     return f"{line} would be lost"
+
+
+def _changes_direction(line: str, line_read_back: str) -> bool:
+    """Whether both lines give the same direction, such as an axis, other components.
+
+    The reader normalises directions, so only unit vectors are read back unchanged.
+    """
+    key, _, _ = line.partition(" = ")
+    is_direction = key == "xyz" or key.endswith("_xyz")
+    return is_direction and line_read_back.startswith(f"{key} = ")
 
 
 def canonical_text(mechanism: Mechanism, angle_unit: AngleUnit) -> str:

@@ -632,7 +632,7 @@ class LazyField:
         )
         # Links that locked inputs hold together have no pole, and no columns of the kernel.
         for pole in set(request.poles) - pole_status.keys():
-            add_locked_pole(self._field, motion, pole)
+            add_locked_pole(self._field, pole)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._field if name in self.IN_MEMORY else self.as_arrays, name)

@@ -160,7 +160,7 @@ def evaluate_unsigned(
     for pole in request.poles:
         # None: both links belong to one body.
         if request.plan.pole(*pole) is None:
-            add_locked_pole(field, motion, pole)
+            add_locked_pole(field, pole)
         else:
             _add_pole(field, row_velocities, pole, get_planned_poles)
     # Poles for which the normals of two great circles through them are requested as well.
@@ -398,11 +398,11 @@ def make_certified_field(
     # While one input moves, the others are locked, and can join two links into one body. A
     # requested pole of two such links has no columns.
     for pole in set(request.poles) - computed_poles:
-        add_locked_pole(field, motion, pole)
+        add_locked_pole(field, pole)
     return field
 
 
-def add_locked_pole(field: PoleField, motion: Motion, pole: Pole) -> None:
+def add_locked_pole(field: PoleField, pole: Pole) -> None:
     """Add the pole of two links that cannot move relative to each other.
 
     A pole is the axis of the relative rotation of two links. One input moves while the
@@ -415,8 +415,6 @@ def add_locked_pole(field: PoleField, motion: Motion, pole: Pole) -> None:
     ----------
     field
         The field, which is changed in place.
-    motion
-        The motion with the n rows of the field. It is not used here.
     pole
         The numbers of the two links.
     """
