@@ -220,6 +220,7 @@ class Dynamics(AbstractAnalysis):
                     mechanism, entry_derivatives.reshape(-1, input_count), "dM"
                 ),
                 # Finite entries have the status OK, even if the torques of the row failed.
+                # Any other entry has the status of its row.
                 "status": of_parts(entries, solution.status).ravel(),
             },
             "loads": {

@@ -182,17 +182,21 @@ class Eksergian(AbstractAnalysis):
 
         Figures of merit are numbers by which designs are compared. The equivalent inertia
         is twice the kinetic energy at unit rate of the input. Only mechanisms with one
-        input and masses have these figures.
+        input and masses have these figures. The driving torque acts at the pair `at`, or by
+        default at the input.
 
         Raises
         ------
-        ModelError, AnalysisError
-            If `at` is no R pair (revolute joint).
+        ModelError
+            If the mechanism has no pair `at`.
+        AnalysisError
+            If the pair `at` is a contact, and not an R pair (revolute joint).
         """
         if not mechanism.masses or len(mechanism.inputs) != 1:
             return ()
         self._check_torque_pair(mechanism)
-        # `rate_P` is the rate of the pair P per unit rate of the input.
+        # `torque` is the torque at the input. `rate_P` is the rate of the pair P per unit
+        # rate of the input. A torque at P with the same power is their quotient.
         torque = f"torque/rate_{self.at}" if self.at else "torque"
         return (
             FigureOfMerit(
@@ -222,9 +226,9 @@ class Eksergian(AbstractAnalysis):
         - variables and rates of the pairs (joints) with loads. The angles have no jumps of
           whole revolutions, because springs count revolutions;
         - the rate of the pair at which the torque acts;
-        - the position analysis of the run (`tracer`), if there is friction of bearings or
-          contacts. The forces in the pairs, which cause the friction, are computed from the
-          position analysis.
+        - the position analysis of the run (field `tracer` of `Needs`), if there is friction
+          of bearings or contacts. The forces in the pairs, which cause the friction, are
+          computed from the position analysis.
 
         Raises
         ------
@@ -233,7 +237,7 @@ class Eksergian(AbstractAnalysis):
         AnalysisError
             If the mechanism has several inputs, or `at` is no R pair (revolute joint).
         """
-        # This call only raises the `ModelError`.
+        # This call raises the `ModelError` if there are neither masses nor loads.
         need_terms(mechanism)
         if len(mechanism.inputs) > 1:
             raise AnalysisError(
@@ -261,7 +265,15 @@ class Eksergian(AbstractAnalysis):
         )
 
     def _check_torque_pair(self, mechanism: Mechanism) -> None:
-        """Raise `ModelError` or `AnalysisError` if `at` is no R pair (revolute joint)."""
+        """Raise an error if `at` is given, but is no R pair (revolute joint).
+
+        Raises
+        ------
+        ModelError
+            If the mechanism has no pair `at`.
+        AnalysisError
+            If the pair `at` is a contact.
+        """
         # A pair is an R pair, which has an axis, or a contact.
         if self.at and not mechanism.pair(self.at).kind.has_axis:
             raise AnalysisError(
@@ -347,11 +359,12 @@ class Eksergian(AbstractAnalysis):
         In a simulation without a motor the loads alone cause the motion, so the driving
         torque is zero up to rounding. The torque is a sum of three terms, B ddq +
         dB/dq dq^2 / 2 - Q. B is the equivalent inertia of the mechanism at the input q. Q
-        is the generalised force of all loads at the input. A torque is a rounding error if
-        it is small compared with the largest sum of |B ddq| and |Q| in any row.
+        is the generalised force of all loads at the input. A torque counts as a rounding
+        error in two cases: if it is small compared with the terms of its own row, or if it
+        is small compared with the largest sum of |B ddq| and |Q| in any row.
         """
         solution = self._inverse_solution(batch)
-        # `sure_torques` is 0 where a torque is small compared with the terms of its row.
+        # The first case is done in `sure_torques`, the second one below.
         torque = solution.sure_torques[:, 0].copy()
         load_size = np.abs(solution.Q)
         inertia_size = np.abs(solution.B * batch.ddq)
@@ -487,7 +500,8 @@ def _inertia_plots(batch: Batch, solution: InverseSolution) -> list[Series]:
         B and dB/dq (n,) of the whole mechanism, and their parts (n, links with mass).
     """
     mechanism = batch.mechanism
-    # The last argument of `plot_series` is a link, whose colour the curve gets.
+    # The last argument of `plot_series` is the number of a link, whose colour the curve
+    # gets. The curve of the whole mechanism has the colour of the ground, link 0.
     title = "equivalent inertia"
     plots = [plot_series("inertia", "B", title, solution.B, "kg m2", 0)]
     for mass, part in zip(mechanism.masses, solution.B_parts.T, strict=True):

@@ -77,7 +77,7 @@ def _choose_positive_directions(directions: Floats) -> Floats:
 
 
 def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
-    """Return the slope epsilon and the distance angle theta (n,) of great circles, rad.
+    """Return two angles (n,) of great circles in the chart: slope epsilon and theta, rad.
 
     The gnomonic chart projects the sphere from its centre onto a plane x = 1. The axis y of
     the chart is horizontal, the axis z vertical. In the chart a great circle is a straight
@@ -88,13 +88,15 @@ def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
     - Its distance from the origin, tan theta. The distance is positive if the line is above
       the origin. A vertical line has a positive distance if it is on the left.
 
-    The great circle x = 0 is the line at infinity, with the slope NaN and theta = +-pi/2.
+    The great circle x = 0 is the line at infinity. Its slope is NaN, and theta is pi/2 or
+    -pi/2.
 
     Parameters
     ----------
     normals
         (n, 3) normals of the planes of the circles, in the axes x, y, z of the chart. The
-        sign of a normal has no effect, except for the circle x = 0.
+        sign of a normal matters only for the circle x = 0, where it decides the sign of
+        theta.
     """
     # Of both normals of a plane, the one with c > 0 is used, or with b < 0 if c is 0. The
     # slope of this normal is above -pi/2 and at most pi/2.

@@ -258,8 +258,8 @@ def read_terms(
         begins_pose = name in poses[-1]
         if not name or not np.isfinite(number):
             raise AnalysisError(
-                f'{where}: found "{part}"{whole}, expected the form name=number, for '
-                "example azimuth=10+tilt=20"
+                f'{where}: found "{part}"{whole}, expected the form name=number; '
+                "join several of them by +, for example azimuth=10+tilt=20"
             )
         if begins_pose and not allow_several:
             raise AnalysisError(
@@ -307,7 +307,7 @@ def read_interference_limit(text: str, angle_unit: AngleUnit) -> InterferenceLim
     except ValueError as problem:
         raise AnalysisError(
             f'workspace: apart: "{text}" has to be PAIR/PAIR:MIN or PAIR/PAIR:MIN:MAX, '
-            "where MIN and MAX are angles, such as 21/51:20deg"
+            "where MIN and MAX limit the angle between the two axes, such as 21/51:20deg"
             f"{_reason(problem)}"
         ) from None
     return InterferenceLimit(first_pair, second_pair, low, high)

@@ -110,8 +110,8 @@ def draw_axodes(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
     A pole is the axis about which two links turn relative to each other. The path of the
     pole in the axes of the first link is the fixed axode. The path in the axes of the
     second link is the moving axode. Both axodes are cones that roll on each other if one
-    input moves. With several inputs, the pole is the one while the first input moves alone.
-    If other inputs move too, the cones do not roll on each other.
+    input moves. With several inputs, the pole of the motion of the first input alone is
+    drawn. If other inputs move too, the cones do not roll on each other.
 
     Parameters
     ----------

@@ -150,8 +150,8 @@ class Poles(AbstractAnalysis):
                         f"du{axis}_dq",
                         "1/rad",
                         f"derivative of u{axis} with respect to q; empty if the "
-                        "velocity coefficient is too small to determine the "
-                        "derivative",
+                        "velocity coefficient k in this row is too small to determine "
+                        "the derivative",
                         scale="none",
                         turns="vector",
                     )
@@ -160,9 +160,9 @@ class Poles(AbstractAnalysis):
                 Column(
                     "velocity_coefficient",
                     "",
-                    "velocity coefficient k: angular velocity of the link about the "
-                    "pole axis u, relative to the other link, divided by the rate of "
-                    "q",
+                    "velocity coefficient k: angular velocity of `link` relative to "
+                    "`relative_to` about the pole axis u, divided by the rate of the "
+                    "input q",
                 ),
                 Column(
                     "acceleration_coefficient",
@@ -175,8 +175,8 @@ class Poles(AbstractAnalysis):
                     "",
                     "relative speed of the two links divided by the sum of their speeds; "
                     "a small value means that digits are lost, because nearly equal "
-                    "velocities are subtracted; set to 1 for pair axes and for motion "
-                    "relative to the ground, which need no subtraction",
+                    "velocities are subtracted; 1 if nothing is subtracted: for a pole "
+                    "that is a pair axis, and for motion relative to the ground",
                     scale="none",
                 ),
                 Column(
@@ -203,9 +203,9 @@ class Poles(AbstractAnalysis):
                 Column(
                     "direction_dq_error_bound",
                     "1/rad",
-                    "upper bound of the length of the error vector of (dux_dq, "
-                    "duy_dq, duz_dq), caused by rounding and by loops that do not "
-                    "close exactly",
+                    "upper bound of the error of the vector (dux_dq, duy_dq, duz_dq): "
+                    "length of its difference from the exact vector, caused by "
+                    "rounding and by loops that do not close exactly",
                     scale="none",
                 ),
                 RESIDUAL,
@@ -399,18 +399,23 @@ class Poles(AbstractAnalysis):
     def _make_chart_columns(
         self, batch: Batch, moving_poles: Sequence[MovingPole]
     ) -> dict[str, Any]:
-        """Return the coordinates of poles and of their great circles in the chart, by name.
+        """Return the columns of the table with the coordinates of poles in the chart.
 
-        A pole is the axis about which two links turn relative to each other. The chart is a
-        projection of the sphere from its centre onto a plane. A pole that is not the axis
-        of a pair (joint) is the intersection of two great circles.
+        Further columns have the coordinates of the great circles of the poles. A pole is
+        the axis about which two links turn relative to each other. A pole that is not the
+        axis of a pair (joint) is the intersection of two great circles. The chart is a
+        projection of the sphere from its centre onto a plane.
 
         Parameters
         ----------
         batch
             The rows, with the great circles of these poles.
         moving_poles
-            The poles, each while one input moves.
+            The poles, each with the input that moves while the other inputs rest.
+
+        Returns
+        -------
+        The columns by name, with the names of `CHART_MEANINGS`.
         """
         mechanism = batch.mechanism
         # Indices of the ground axes that are called x, y and z in the chart.
@@ -418,8 +423,9 @@ class Poles(AbstractAnalysis):
         values_by_name: dict[str, list[Floats]] = {name: [] for name in CHART_MEANINGS}
         for pole in moving_poles:
             coordinates = [*chart_coordinates(batch.direction(*pole)[:, axes])]
-            # Each of the two great circles has two coordinates. The axis of a pair has no
-            # circles, so its four columns are empty.
+            # In the chart a great circle is a straight line. Its two coordinates are the
+            # angles epsilon of its slope, and theta of its distance from the origin. The
+            # axis of a pair has no circles, so its four columns are empty.
             if (pole.first_link, pole.second_link) in mechanism.pole_pairs:
                 coordinates += [np.full(len(batch), np.nan)] * 4
             else:
@@ -532,9 +538,9 @@ class Poles(AbstractAnalysis):
     ) -> Iterator[Arrow]:
         """Yield the arrow along the axis about which two links turn relative to each other.
 
-        The axis of a pair (joint) does not depend on which input moves, so its arrow is
-        drawn only for the first input. In mechanisms of many links some arrows are hidden
-        until the user selects them.
+        At most one arrow is yielded. The axis of a pair (joint) does not depend on which
+        input moves, so its arrow is drawn only for the first input. In mechanisms of many
+        links some arrows are hidden until the user selects them.
 
         Parameters
         ----------
@@ -556,8 +562,8 @@ class Poles(AbstractAnalysis):
         moving_input = batch.moving_inputs[input_number]
         has_several_inputs = len(batch.moving_inputs) > 1
         # Of many arrows, three sorts are visible when a drawing is opened: axes of pairs,
-        # poles relative to the ground (link 0), and the pole with drawn great circles. The
-        # last two sorts are visible for the first input only.
+        # poles relative to the ground (link 0), and the pole whose great circles are drawn.
+        # The last two sorts are visible only for the first input.
         has_few_poles = len(self.poles(mechanism)) <= MAX_POLES_SHOWN_FIRST
         if has_few_poles or is_pair_axis:
             is_visible = True

@@ -138,8 +138,8 @@ class ReactionAnalysis(AbstractAnalysis):
                         f"force_{axis}",
                         "N",
                         f"{axis} component of the force that the first link exerts on "
-                        "the second one, through the centre (R pair) or at the contact "
-                        f"point; {words}",
+                        "the second one, through the centre of the sphere (R pair) or at "
+                        f"the contact point; {words}",
                     )
                     for axis, words in AXIS_MEANINGS.items()
                 ),
@@ -194,8 +194,8 @@ class ReactionAnalysis(AbstractAnalysis):
                 Column(
                     "axial",
                     "N",
-                    "component along the pair axis of the force on the second link at "
-                    "the bearing",
+                    "axial component (along the pair axis) of the force that acts on the "
+                    "second link at the bearing",
                 ),
                 STATUS,
             ),
@@ -404,6 +404,8 @@ def _loads_with_bearings(mechanism: Mechanism) -> list[Bearings]:
 class BearingLoad:
     """The forces on one bearing of a pair (joint) in n rows (configurations).
 
+    The analysis writes them to its table of bearings, its plots and its summary.
+
     Attributes
     ----------
     load
@@ -412,14 +414,17 @@ class BearingLoad:
     position
         Distance of this bearing from the centre of the sphere along the pair's axis (m).
     couple_force
-        (n,) force (N) at right angles to the axis that the moment of the pair alone
-        causes.
+        (n,) magnitude (N) of the force at right angles to the axis that the bearing would
+        exert if the pair transmitted its moment alone.
     radial
-        (n,) whole force at right angles to the axis (N). A pair transmits a moment and a
-        force through the centre of the sphere. Two bearings support both. A single bearing
-        supports the moment, and the centre supports the rest of the radial force.
+        (n,) magnitude (N) of the force at right angles to the axis that the bearing exerts.
+        A pair transmits a moment and a force through the centre of the sphere. Two bearings
+        together exert both. A single bearing exerts the moment by a radial force at its
+        distance from the centre. The rest of the force across the axis acts at the centre,
+        and is not part of `radial`.
     axial
-        (n,) force along the axis on the second link (N).
+        (n,) component along the axis (N) of the force on the second link at this bearing.
+        NaN if the file does not say how bearings share this force.
     """
 
     load: Bearings
@@ -666,8 +671,9 @@ def _moment_table(records: Mapping[str, Any]) -> ScreenTable | None:
     ----------
     records
         Results of each pair, by the name of the pair. A record has the largest value of
-        all rows under each key. Its entry "at" has, by the same keys, the sample, the
-        assembly mode (way to assemble the mechanism) and the place in words.
+        all rows under each key. Its entry "at" states for each key where this value is:
+        the sample, the assembly mode (way to assemble the mechanism) and the place in
+        words.
     """
     key = "largest_transverse_moment_Nm"
     rows = []
@@ -698,8 +704,8 @@ def _describe_largest_load(
     ----------
     records
         Results by the name of the bearing. A record has the largest load of all rows under
-        each key, in N. Its entry "at" has, by the same keys, the sample, the assembly mode
-        (way to assemble the mechanism) and the place in words.
+        each key, in N. Its entry "at" states for each key where this load is: the sample,
+        the assembly mode (way to assemble the mechanism) and the place in words.
     key
         Key of the load in each record.
     quantity

@@ -213,9 +213,10 @@ class SensitivityAnalysis(AbstractAnalysis):
                 Column(
                     "worst",
                     "",
-                    "largest possible deviation of the quantity, to first order: the "
-                    "sum of the effects of all dimensions, each at its limit or at 3 "
-                    "standard deviations",
+                    "largest possible deviation of the quantity from its value in the "
+                    "mechanism of the file, to first order: the sum of the effects of all "
+                    "dimensions; each deviates by its limit (uniform distribution) or by "
+                    "3 standard deviations (normal distribution)",
                 ),
                 Column(
                     "drawn_spread",
@@ -227,8 +228,8 @@ class SensitivityAnalysis(AbstractAnalysis):
                 Column(
                     "drawn_worst",
                     "",
-                    "largest deviation of the quantity over the mechanisms with random "
-                    "dimensions",
+                    "largest absolute difference between the quantity in a mechanism with "
+                    "random dimensions and in the mechanism of the file",
                     scale="none",
                 ),
                 Column(
@@ -484,9 +485,10 @@ class SensitivityAnalysis(AbstractAnalysis):
         sensitivity
             The quantities as functions of the sizes.
         samples
-            Inputs of the n rows.
+            (n, 3 * inputs + 1) inputs (rad) of the n rows, their rates and accelerations,
+            and the time (s).
         configurations
-            (n, variables) pair variables of the rows.
+            (n, variables) pair variables (rad) of the rows.
         values
             (quantities, n) quantities without deviations, NaN in rows that failed.
 
@@ -788,7 +790,8 @@ def _summarize_draws(deviations: Floats) -> Floats:
     Parameters
     ----------
     deviations
-        (..., draws) deviations of a quantity, NaN for draws that cannot be assembled.
+        (..., draws) deviations of a quantity from its value in the mechanism with the
+        sizes of the file, NaN for draws that cannot be assembled.
 
     Returns
     -------
@@ -811,16 +814,19 @@ def _summarize_draws(deviations: Floats) -> Floats:
 
 
 def _describe_draws(record: Mapping[str, Any], name: str) -> str:
-    """Return the spread of the draws in words, if it differs much from the first order.
+    """Return the spread of a quantity over the draws, as the continuation of a sentence.
 
-    The spread is a standard deviation. Draws are mechanisms with random sizes. The text is
-    empty if both results agree and all draws can be assembled.
+    Draws are mechanisms with random sizes. The spread is a standard deviation. The caller
+    puts the text behind the spread to first order, such as "standard deviation up to 0.2
+    deg". An example is " to first order (of the draws 0.3 deg)". The text is empty if there
+    are no draws, or if both spreads agree and all draws can be assembled.
 
     Parameters
     ----------
     record
-        The summary of a quantity: its spread to first order ("spread") and of the draws
-        ("drawn"), and the part of the draws that cannot be assembled ("lost").
+        The summary of a quantity. "spread" is its spread to first order, and "drawn" its
+        spread over the draws. "lost" is the fraction of the draws, from 0 to 1, that cannot
+        be assembled.
     name
         Name of the quantity.
     """

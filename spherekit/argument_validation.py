@@ -45,8 +45,8 @@ def checked(
         def annotations() -> dict[str, Any]:
             """Return the types of the parameters of `function` by name; they are read once.
 
-            They are read at the first call of `function`. Types that are defined after the
-            function can then be resolved.
+            They are read at the first call of `function`. So an annotation can name a type
+            that is defined after the function.
             """
             return {
                 name: resolved_annotation(function, parameter.annotation)

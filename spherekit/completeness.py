@@ -20,7 +20,8 @@ class Guarantee(Enum):
     TO_BOX = "complete to a box size"
     """Parts of the result that fit into a small box of angles may be missing.
 
-    A box has a small range of each angle, such as each input. All larger parts were found.
+    A box is a small range of each angle, for example of each input. All larger parts were
+    found.
     """
     COMPONENT = "component only"
     """Everything connected to what was found is there. Separate parts may be missing."""

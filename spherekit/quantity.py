@@ -113,8 +113,9 @@ def angle_by_time(power: int) -> Dimension:
 class FieldUnit:
     """The unit of a number that is a parameter of an analysis.
 
-    It is part of the type of the parameter. For example, ``near: Degrees = 5.0`` is a
-    number in degrees in Python. If a user writes ``0.1rad``, it is converted to degrees.
+    Types such as `Degrees` contain the unit, as ``Annotated[float, FieldUnit("deg")]``. For
+    example, ``near: Degrees = 5.0`` declares a parameter that is a number in degrees in
+    Python. If a user writes ``0.1rad``, it is converted to degrees.
 
     Attributes
     ----------
@@ -175,7 +176,7 @@ def split_unit(text: str) -> tuple[str, str]:
         return text.strip(), ""
     match = _NUMBER_WITH_UNIT.fullmatch(text)
     if match is None:
-        raise QuantityError(f'"{text}" is not a number, with or without a unit')
+        raise QuantityError(f'"{text}" is not a number (a unit is optional)')
     return match["number"], match["unit"]
 
 
@@ -292,8 +293,8 @@ def check_turns(number: float, angle_unit: AngleUnit) -> None:
         hint = "" if angle_unit == "deg" else f"{digits}deg if it is in degrees, or "
         raise QuantityError(
             f"found {digits} without a unit, which is read as {digits} {angle_unit} "
-            f"(the unit of the file), or {turns:.3g} turns; write {hint}"
-            f"{digits}{angle_unit} if so many turns are meant"
+            f"(the unit of the file), that is, {turns:.3g} turns; write {hint}"
+            f"{digits}{angle_unit} if you mean this many turns"
         )
 
 

@@ -51,8 +51,8 @@ class TimeLimit:
         remaining = self.seconds - self.taken
         part = TimeLimit(max(0.0, share * remaining), what or self.what)
         if what is None:
-            # The shared reporter knows the time of its last report, so reports stay seconds
-            # apart.
+            # The part and the whole search share a reporter, which stores the time of its
+            # last report. So the reports of both are at least some seconds apart.
             part._progress = self._progress
         return part
 

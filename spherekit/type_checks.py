@@ -104,8 +104,8 @@ def has_type(value: Any, annotation: Any) -> bool:
     """
     if annotation is Any:
         return True
-    # An `Array` may contain Python objects. These are numbers of another arithmetic, such
-    # as intervals with error bounds or quad precision.
+    # An `Array` may contain Python objects that represent numbers, such as intervals with
+    # error bounds, or numbers of quad precision.
     if _is_object_array(value) and annotation == Array:
         return True
     # Other arrays contain numbers of NumPy, or texts if the annotation names `str`.

@@ -71,6 +71,7 @@ def allowed(hint):
     """
     origin = get_origin(hint)
     arguments = get_args(hint)
+    # Built-in types, and classes for which a valid object is made beforehand.
     if hint in VALUE_BY_TYPE or hint in OBJECT_BY_CLASS:
         return (VALUE_BY_TYPE | OBJECT_BY_CLASS)[hint]
     if origin is Literal:

@@ -138,13 +138,17 @@ def test_the_range_of_several_inputs_is_refused_with_what_to_read():
 
 
 def test_continued_angles_are_counted_from_input_zero():
-    """The first sample is not at zero, so an angle there can be beyond half a revolution.
+    """A continued angle does not depend on the input at which the run begins.
 
-    The angles of a run that begins at zero are the same.
+    A continued angle has no jumps of whole revolutions. It is within half a revolution
+    where the input is zero, and is continued from there. So at the input 5 rad it can be
+    beyond half a revolution, even if the run begins there. A run that begins at zero must
+    reach the same angles at 5 rad.
     """
     declared = Needs(continued_values=frozenset(["32"]))
 
     def read(path):
+        """Return the angles (two assembly modes, samples) of pair 32 along a path."""
         results: list[Any] = []
         analysis = Reading(
             declared=declared,

@@ -255,8 +255,9 @@ def test_columns_that_are_computed_when_read_equal_those_computed_at_once(
 ):
     """Lazy columns of a run, computed when they are first read, have the right numbers.
 
-    The reference is the same run with columns that are cut from complete arrays. A pickled
-    copy of a table that was not read yet must also have the same columns, bit for bit.
+    The reference is the same run, in which the arrays of all pole quantities are computed
+    at once and each column is cut from its array. A pickled copy of a table that was not
+    read yet must also have the same columns, bit for bit.
     """
     options = {"samples": samples, "block": 130}  # several blocks, the last one shorter
     lazy_tables = _tables_of(sk.run(name, **options))
@@ -269,6 +270,7 @@ def test_columns_that_are_computed_when_read_equal_those_computed_at_once(
     pickled_table = pickle.loads(pickle.dumps(lazy_tables[-1]))
 
     def column_from_arrays(self, key, pole, component):
+        """Return a component of the quantity `key` of a pole, in all rows."""
         values = getattr(self.as_arrays, key)[pole]
         return values.reshape(len(values), -1)[:, component].copy()
 

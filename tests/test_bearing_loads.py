@@ -96,15 +96,17 @@ def test_bearing_forces_are_those_of_free_bodies(name):
     combination of flanks is solved, and exactly one has pushing forces only.
 
     Forces are those of the first link of a pair on the second. The reference has them in
-    ground axes, by (name of the bearings, number of the bearing) for R pairs and by (name
-    of the pair, 0) for contacts. A row is one of two instants.
+    ground axes, in a dictionary. An R pair has two bearings, 0 and 1, which share a load
+    "at_PAIR". Their keys are ("at_PAIR", 0) and ("at_PAIR", 1). The key of a contact is
+    (name of the pair, 0). A row is one of two instants.
     """
     # `joint` is the name of the R pair with motor, spring, damper and friction.
     mechanism, joint = mechanism_on_bearings(name)
     computed_reactions = reactions(
         motion_by_polynomial_laws(mechanism, STARTS[name], [0.0, 0.2])
     )
-    # No force is undetermined, and no information about the mechanism is missing.
+    # No force is undetermined. `wanted` lists what a user would have to add to the file of
+    # the mechanism to determine all forces; here this is nothing.
     assert not np.any(computed_reactions.open_forces)
     missing_information = computed_reactions.lacking.wanted
     assert not missing_information

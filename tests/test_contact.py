@@ -81,7 +81,7 @@ def test_humpages_gear_is_kept_in_files_and_certified(tmp_path, capsys):
     the sines s and r of the half angles of the pitch cones of sun and ring.
 
     Sun and planet can mesh because the arm, on which the planet turns, turns about the axis
-    of the sun. A file in which it does not is refused.
+    of the sun. A file in which the arm turns about another axis is refused.
     """
     path = tmp_path / "humpage.toml"
     path.write_text(HUMPAGE)

@@ -114,7 +114,14 @@ def test_a_column_on_request_is_left_out_if_its_parameter_has_a_default_factory(
 
 
 def test_equal_findings_with_tuples_and_nan_are_equal_after_a_run_is_resumed(tmp_path):
-    """The journal of a stopped run has lists in place of tuples."""
+    """A run that is stopped and resumed accepts findings that are equal in all blocks.
+
+    Findings are results of an analysis in addition to its tables. A run computes them for
+    each block of samples. By default it refuses findings that differ from those of earlier
+    blocks. After a resume, the earlier findings come from the journal of the run, where
+    tuples have become lists. NaN is not equal to itself either. Neither may count as a
+    difference.
+    """
 
     def find(self, batch):
         return Findings(figures={"range": (0, 1), "least": float("nan")})
@@ -123,10 +130,11 @@ def test_equal_findings_with_tuples_and_nan_are_equal_after_a_run_is_resumed(tmp
     options = {"samples": 9, "block": 3, "folder": tmp_path / "run"}
 
     def stop(samples_done, sample_count):
+        """Stop the run after its first block."""
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         sk.run("four_bar", analysis(), progress=stop, **options)
     result = sk.run("four_bar", analysis(), unfinished="resume", **options)
     assert not result.failures
-    assert len(result.frame("small")) == 2 * 9
+    assert len(result.frame("small")) == 2 * 9  # two assembly modes

@@ -46,9 +46,9 @@ def run(mechanism, samples=7, search=False):
     """Run the analysis `poles` with warnings as errors, check its table, and return it.
 
     Rows with status OK have no NaN. Only the derivative du/dq of a pole direction u by the
-    input q may be missing, with its error bound, if its error would be large. Rows out of
-    reach have no coefficient. `search` is whether assembly modes without a closed form are
-    searched.
+    input q, and its error bound, may be missing. They are missing only where the error of
+    the derivative would be large. Rows out of reach have no coefficient. `search` is
+    whether to search assembly modes other than that of the reference pose.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -67,8 +67,8 @@ def relative_digit_loss(mechanism):
     values = evaluate_columns(np.concatenate([[0.0], signs])[:, None])
     rates = values.reshape(len(moving_links), 3)
 
-    # Numbers with error bounds, of which the middles are used: (links, 3) with the ground
-    # as link 0.
+    # `exact.w` has numbers with error bounds; their middles are used. The shape is
+    # (links, 3), with the ground as link 0.
     exact_rates = centre_floats(exact.w)[0]
     error = np.max(np.abs(rates - exact_rates[1:]))
     scale = max(1.0, np.max(np.abs(exact_rates)))

@@ -289,9 +289,9 @@ def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
 
     The mechanism is that of Chen et al. 2021 (`form`). Its base and end effector mirror
     each other in a plane, so the normal of this plane determines the pose. The axis is
-    fixed in the base and in the end effector. Its coordinates in the latter are computed
-    from the orientations alone. Between two random poses, a leg may be unable to follow.
-    More than 90 % of all rotations must reach their last pose.
+    fixed in the base and in the end effector. Its coordinates in the end effector follow
+    from those in the base and the orientation at each sample. Between two random poses, a
+    leg may be unable to follow. More than 90 % of all rotations must reach their last pose.
     """
     starts = random_reachable_normals(form, pairs, 21)
     stops = random_reachable_normals(form, pairs, 22)
@@ -381,8 +381,8 @@ def check_rates_by_differences(rotation, theta, rate_tolerance, second_tolerance
     rate_tolerance
         Relative tolerance of the rates dq/dtheta.
     second_tolerance
-        Tolerance of the second rates d2q/dtheta2. It is relative to the largest of them or
-        to 1, whichever is larger. None if the rotation has no second rates.
+        Tolerance of the second rates d2q/dtheta2. It is relative to the largest second rate
+        or to 1, whichever is larger. None if the rotation has no second rates.
 
     Returns
     -------

@@ -205,7 +205,7 @@ def test_modes_of_the_start_are_listed_and_chosen():
 
 @pytest.mark.slow
 def test_a_pose_can_be_given_in_five_ways():
-    """A rotation is the same whichever of five descriptions of its ends is used.
+    """A rotation is the same whichever of five descriptions states its start and end.
 
     Base and platform are mirror images of each other in the mid-plane. The descriptions
     are:
@@ -213,7 +213,8 @@ def test_a_pose_can_be_given_in_five_ways():
     - phi and gamma, which state the normal of this plane: (-sin(phi / 2), sin(gamma / 2),
       n_z). Those of Table 3 of Chen et al. 2021 are in the text `TABLE_3`: 75 and -20 deg
       at the start, 70 and 20 deg at the end.
-    - The inputs. They are the printed 5.3391 and 56.7404 deg with more digits.
+    - The input angles. The paper prints 5.3391 and 56.7404 deg at the start; more digits
+      are used here.
     - A quaternion, or azimuth, tilt and torsion, both computed from phi and gamma.
     - For the end, also the axis and the angle of the rotation that leads to it.
     """

@@ -84,9 +84,10 @@ def pair_of_example(example, name):
 def test_the_example_call_of_c_gives_the_first_variable(name, options, tmp_path):
     """The example call in an exported C source works if it is copied to a new file.
 
-    The declarations are copied too, as the source says (`prototypes_after`). The example is
-    in assembly mode 0 at the inputs that it states. It prints the first result, the angle
-    of a pair, which must be that of `sk.evaluate`, but for whole turns.
+    The source tells the user to copy the declarations of its functions and results too.
+    `prototypes_after` reads them. The example is in assembly mode 0 at the inputs that it
+    states. It prints the first result, the angle of a pair. This angle must be that of
+    `sk.evaluate`, but for whole turns.
     """
     sk.export(name, tmp_path / "source.c", **options)
     text = (tmp_path / "source.c").read_text("ascii")

@@ -383,7 +383,12 @@ def test_masses_along_axes_of_wheels_are_arguments():
 @pytest.mark.parametrize("exponent", [-170, 90])
 @pytest.mark.parametrize("axes", ["ground", "link"])
 def test_exported_moments_of_forces_do_not_depend_on_the_size_of_the_arm(axes, exponent):
-    """A tiny arm with a huge force has the same moment as an ordinary arm and force."""
+    """A tiny arm with a huge force has the same moment as an ordinary arm and force.
+
+    The arm leads from the centre of the sphere to the point of the force. It is multiplied
+    by 10^exponent and the force by 10^-exponent. The exported generalised force at the
+    input must not change beyond rounding.
+    """
     arm = (0.3, -0.2, 0.5)
     mechanism = sk.load("four_bar")
 

@@ -543,14 +543,15 @@ def test_steps_from_the_starts_of_a_triad_lead_to_its_smooth_modes(tmp_path):
 
 
 def test_turns_are_counted_where_a_smooth_curve_turns_fully():
-    """A spring at the rocker of a parallelogram needs a count of turns as an argument.
+    """With a spring at a parallelogram's rocker, the torque needs a count of turns.
 
-    `formulas` exports a function for the torque, with its arguments in `motion`. The torque
-    of a spring depends on whole turns of its pair, which an angle between -pi and pi does
-    not tell. When all links of a parallelogram are in line, two configuration curves cross.
-    With `crossings="pass"` a mode (way to assemble the links) follows the smooth curve
-    through the crossings, on which the rocker (pair 41) turns fully. In the shipped
-    four-bar the rocker only swings, so no count is needed.
+    `formulas` exports a function for the torque. The attribute `motion` of its result lists
+    the arguments, and the count is one of them. The torque of a spring depends on whole
+    turns of its pair, which an angle between -pi and pi does not tell. When all links of a
+    parallelogram are in line, two configuration curves cross. With `crossings="pass"` a
+    mode (way to assemble the links) follows the smooth curve through the crossings, on
+    which the rocker (pair 41) turns fully. In the shipped four-bar the rocker only swings,
+    so no count is needed.
     """
     arcs = {"1": 60.0, "2": 30.0, "3": 60.0, "4": 30.0}
     parallelogram = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs)

@@ -163,6 +163,8 @@ def test_the_pin_of_a_slider_stays_on_its_arc():
     assert np.max(np.abs(np.sum(pin * pole, axis=1))) < 1e-14
     cosine_of_rod = np.sum(tip * pin, axis=1)
     assert np.allclose(cosine_of_rod, 0.5, rtol=0, atol=1e-14)
+    # The slider angle counts from the first sample. The sine of the angle between the first
+    # pin and each pin, about the pole, must agree with it in size and sign.
     slider_angle = motion.values[:, 3] - motion.values[0, 3]
     sine_along_arc = np.sum(np.cross(pin[0], pin) * pole, axis=1)
     assert np.allclose(np.sin(slider_angle), sine_along_arc, rtol=0, atol=1e-13)

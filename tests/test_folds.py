@@ -243,7 +243,7 @@ def test_the_output_of_a_new_vertex_moves_with_every_driven_crease(crease_count,
 
     Each driven crease is turned alone by 1e-3 rad from the middle of its range, and the
     output must move. The output is a direction in a link, or the orientation of the link.
-    `write_vertex` writes the file with the command.
+    `write_vertex` runs the command `spherekit new mechanism`, which writes the file.
     """
     sectors = np.resize([50.0, 40.0, 60.0], crease_count)
     path = write_vertex(tmp_path, ",".join(f"{angle:g}" for angle in sectors))

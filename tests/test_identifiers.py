@@ -87,9 +87,8 @@ def test_sources_of_c_compile_beside_every_header(tmp_path):
     """Exported C of mechanisms with troublesome names compiles beside all standard headers.
 
     All sources are in one file, after the headers of ISO C and POSIX, in the GNU dialect,
-    which knows the most functions. A comment says how a mechanism is renamed; the names in
-    `KEPT_NAMES` must not be changed. `renamed_formulas` returns formulas of a mechanism
-    with another name.
+    which knows the most functions. In the source, a comment says how a mechanism is
+    renamed. The names in `KEPT_NAMES` are harmless, so they must not be changed.
     """
     texts = []
     for safe, name in names_by_identifier(identifiers.C_NAME_RULES).items():

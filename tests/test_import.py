@@ -109,8 +109,8 @@ def test_an_exported_model_is_imported_as_the_same_mechanism(mechanism, tmp_path
 
     All inputs are moved by 0.06 rad from the exported configuration, in both mechanisms.
     The frames of links may differ, so the rotations of each link by this motion are
-    compared. The imported file states its axes in this configuration, in ground axes. So
-    all links of the imported mechanism have the rotation 1 there.
+    compared. The imported file states its axes in the exported configuration, in ground
+    axes. So the rotation of each imported link is the identity in this configuration.
     """
     original, values = with_closed_configuration(mechanism)
     path = write_model(tmp_path, MujocoModel(original, values).text)

@@ -462,9 +462,11 @@ def test_all_mid_plane_symmetric_solutions_are_found():
     In `two_dof_spm` base and output link can be mirror images of each other about a plane,
     the mid-plane, in which the elbows of all legs are. The direction of the output then
     determines this plane. If the three legs reach it, each leg has two possible elbows.
-    Solutions are counted by their inputs, which depend on the elbows of the two driven legs
-    only. So there are 2 x 2. If the legs do not reach the plane, no solution is symmetric.
-    `mid_plane_form` computes this in closed form.
+
+    Solutions with equal inputs are counted once. Only two legs are driven, so the inputs do
+    not depend on the elbow of the third leg. The elbows of the driven legs give 2 x 2
+    different inputs. If a leg does not reach the plane, no solution is symmetric.
+    `mid_plane_form` computes plane and elbows in closed form.
     """
     mechanism = sk.load("two_dof_spm")
     form = sk.mid_plane_form(mechanism)
@@ -473,7 +475,8 @@ def test_all_mid_plane_symmetric_solutions_are_found():
     # The form has its own axes, into which `frame` turns the directions.
     normals, _ = form.normals_to(directions @ form.frame)
     # The elbows (directions, legs, 3) are NaN if a leg does not reach the mid-plane. The
-    # mode 1 or -1 selects one of the two elbows of a leg. A leg has both or none.
+    # mode 1 or -1 selects one of the two elbows of a leg. A leg has both elbows or none, so
+    # that one mode shows whether the plane is reached.
     elbows, _ = form.plane.elbows(normals, modes=1)
     is_reached = np.isfinite(elbows).all(axis=(1, 2))
     assert 2 <= np.sum(is_reached) < 4

@@ -273,7 +273,7 @@ def test_derivatives_of_phi_and_gamma_by_differences():
 @pytest.mark.parametrize("name", [*CLOSED, "universal_joint"])
 def test_the_pose_that_is_offered_is_one(name):
     """Without poses the analysis is refused with an example, which then works."""
-    with pytest.raises(AnalysisError, match="found no poses") as problem:
+    with pytest.raises(AnalysisError, match="no poses are given") as problem:
         sk.run(name, "inverse_kinematics")
     poses = str(problem.value).split("poses=")[1].split(",")[0]
     table = "forward" if name == "universal_joint" else "inverse_kinematics"

@@ -33,5 +33,5 @@ def test_the_pair_of_a_single_input_does_not_change_the_unit():
 
 def test_a_figure_of_a_table_names_a_driven_pair():
     text = "argmin(poles.poles: velocity_coefficient, 99)"
-    with pytest.raises(DesignError, match="99 is not driven. Driven pairs: 21"):
+    with pytest.raises(DesignError, match="driven pair, found 99. Driven pairs: 21"):
         sk.sweep("four_bar", VARY, text, samples=5)

@@ -548,9 +548,12 @@ def test_modes_of_a_triad_follow_smooth_curves():
     A mode is a way to assemble the links. A triad is a group of four links, and a dyad one
     of two. Signs distinguish the modes of a dyad, but not those of a triad. Without
     `crossings="pass"` a mode keeps the sign of the determinant of the closure equations, so
-    that it ends at the crossing or changes to another curve. The meeting is resolved: it is
-    known which mode continues which. A mode has no bend if its steps change by less than
-    half of the largest step there.
+    that it ends at the crossing or changes to another curve.
+
+    A meeting is an input at which curves of several modes cross. It is resolved if it is
+    known which mode continues which. Steps of a mode are the changes of its pair angles
+    from sample to sample. Without a bend, successive steps differ by less than half of the
+    largest step near the crossing.
     """
     samples = 28
     mechanism = six_bar_with_a_flat_loop()
@@ -560,6 +563,7 @@ def test_modes_of_a_triad_follow_smooth_curves():
     position_analysis = PositionAnalysis(mechanism, samples=samples, crossings="pass")
     motion = position_analysis.motion()
     is_valid = (motion.status == sk.Status.OK).reshape(-1, samples)
+    # Angles of the 7 pairs: (modes, samples, pairs).
     values = motion.values.reshape(*is_valid.shape, 7)
     passing_modes = 0
     for mode_values, mode_is_valid in zip(values, is_valid, strict=True):

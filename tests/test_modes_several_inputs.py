@@ -326,9 +326,9 @@ def test_six_modes_are_found_with_any_number_of_samples(samples):
 def test_samples_many_turns_apart_have_all_their_configurations(name, backwards):
     """Each sample of a path has as many configurations as if it were the only sample.
 
-    Successive samples are 200 rad apart. No configuration may occur twice at one sample
-    (`count_repeats`). Whole turns added to the inputs must change no number of
-    configurations, which `count_rows` counts by sample.
+    Successive samples are 200 rad apart, which is many turns. No configuration may occur
+    twice at one sample (`count_repeats`). `count_rows` returns the number of configurations
+    of each sample. If whole turns are added to the inputs, these numbers must not change.
     """
     mechanism = sk.load(name)
     input_count = len(mechanism.inputs)
@@ -418,12 +418,12 @@ def test_a_grid_has_the_configurations_of_each_sample_alone(size):
 
 
 def test_a_lost_configuration_is_noticed(monkeypatch):
-    """A sample at which one configuration is missing is reported, and all modes stay.
+    """If the search misses a configuration, this is reported, and the modes are complete.
 
     The determinant of the closure equations with locked inputs has a sign in each
     configuration. Modes appear and vanish in pairs with opposite signs, so the signs of all
     configurations of a sample add up to zero. A single missing one is therefore noticed.
-    `lose_one` removes row 9, an arbitrary one, from what the search finds.
+    `lose_one` removes one of the configurations that the search finds, the arbitrary row 9.
     """
     from spherekit.positions import modes_over_samples
 
@@ -530,10 +530,14 @@ def test_a_configuration_added_three_times_is_one_node(name, distance):
 def test_close_configurations_of_opposite_sign_stay_two_nodes(signs, equal):
     """Configurations 1e-7 rad apart are the same unless their determinant signs differ.
 
-    Two assembly modes that meet at inputs 1e-15 rad away are also about 1e-7 rad apart, but
-    the determinants of their Jacobians have opposite signs. `signs` are these signs. An
-    unsure sign, 0, differs from neither sign. `equal` has for each configuration the number
-    of the first one equal to it.
+    A configuration graph joins configurations (nodes) to assembly modes (ways to assemble
+    the links). Equal configurations become one node. Two modes that meet at inputs 1e-15
+    rad away are also about 1e-7 rad apart, but must stay two nodes. The determinants of
+    their loop-closure Jacobians have opposite signs.
+
+    `signs` are the signs of these determinants. A sign that is not known is 0, and is not
+    opposite to any sign. `equal` has for each configuration the number of the first one
+    equal to it.
     """
     graph, configurations = graph_of("five_bar", (2, 2))
     count = len(signs)
@@ -772,8 +776,9 @@ def test_random_chains_have_all_modes_of_each_sample_once(seed):
 
     They have 6 to 11 links and 2 or 3 inputs. There are two checks:
 
-    - If the run claims to have all configurations at each sample, 16 samples are solved one
-      by one. There must be as many configurations as in the run.
+    - The position analysis states in `search` how it has searched. If it states that it has
+      all configurations at each sample, 16 samples are solved one by one. Each must have as
+      many configurations as in the analysis.
     - With all inputs at zero, configurations are searched from 400 random starts. None that
       is found may be missing in the motion.
     """
@@ -784,7 +789,8 @@ def test_random_chains_have_all_modes_of_each_sample_once(seed):
         or PositionSolver(mechanism, plan_assembly(mechanism)).has_closed_form
     ):
         links = int(random.integers(6, 12))
-        # 3 (links - 1) less the freedoms is twice the number of pairs, so it must be even.
+        # The degrees of freedom are 3 (links - 1) - 2 pairs, so that 3 (links - 1) less
+        # the degrees of freedom must be even.
         freedoms = 3 if links % 2 == 0 else 2
         edges = random_chain(random, links, freedoms)
         chain = mechanism_from_chain(edges, random_axes(random, len(edges)))
@@ -803,7 +809,6 @@ def test_random_chains_have_all_modes_of_each_sample_once(seed):
         len(enumerate_assemblies(position_analysis.solver, grid.q[sample]).values)
         for sample in chosen
     ]
-    # `search` describes in words how the run has searched, and what it claims.
     if "all configurations at each" in position_analysis.search:
         assert count_rows(motion, len(grid))[chosen].tolist() == counts_alone
 

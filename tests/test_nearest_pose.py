@@ -191,8 +191,8 @@ def test_nothing_is_offered_where_nothing_is_reached():
 class UnreachablePoint:
     """A point whose pose is unreachable, and which a search moves until it is reachable.
 
-    An earlier search began at a reachable start pose, moved along a line towards the pose
-    that was asked for, and ended at an unreachable point. The point is now moved back along
+    An earlier search began at a start pose, moved along a line towards the pose that was
+    asked for, and ended at an unreachable point. The point is now moved back along
     this line. All numbers are distances (rad) from the asked pose along this line.
 
     Attributes
@@ -230,23 +230,25 @@ class UnreachablePoint:
 def test_the_nearest_of_two_points_that_are_moved_back_to_reachable_poses_is_returned(
     dimension, points
 ):
-    """Two points are moved until they are reachable; the nearer one is returned.
+    """Two points are moved to reachable poses; the one nearer to the target is returned.
 
-    The asked pose is outside the workspace. A search came from a start farther out, and
-    ended at an unreachable point near the border. `_move_inside` moves this point outwards,
-    at most up to its start, until its pose is reachable. `UnreachablePoint` has the
-    distances (rad) of point and start from the asked pose. Poses farther away than its
-    `reachable_beyond` are reachable.
+    The target is the pose that was asked for, and is not reachable. Two searches moved
+    towards it, each along a line from its own start, and ended at unreachable points.
+    `_move_inside` moves each point back along its line until its pose is reachable, at most
+    to the start. `UnreachablePoint` states this line by distances (rad) from the target. On
+    the line all poses at larger distances than `reachable_beyond` are reachable.
 
-    Poses are stated by coordinates about the asked pose, whose length is the distance from
-    it: 2 for points on the sphere, 3 for orientations. Each point is on a coordinate axis
-    of its own. The expected distance is the smallest `reachable_beyond` below its start.
+    A pose has coordinates about the target: 2 for points on the sphere, 3 for orientations.
+    Their length is the distance from the target. Each line is a coordinate axis. A point
+    cannot be moved to a reachable pose if `reachable_beyond` is larger than the distance of
+    the start. Otherwise `reachable_beyond` is the distance at which the move ends. The
+    smaller one of both points is expected.
     """
     chart = NormalCoordinates.around(np.eye(dimension + 1)[0])
     limits = np.array([point.reachable_beyond for point in points])
 
     def is_reachable(poses):
-        """Return whether poses (n,), each on one of both axes, are beyond its limit."""
+        """Return whether poses, each on one of both lines, are beyond the line's limit."""
         coordinates = np.abs(chart.coordinates(poses))
         distances = np.max(coordinates, axis=1)
         axis = np.argmax(coordinates[:, :2], axis=1)
@@ -255,13 +257,14 @@ def test_the_nearest_of_two_points_that_are_moved_back_to_reachable_poses_is_ret
     def zero_margins(poses):
         """Return margins (n, 1) to a limit of the workspace, zero everywhere.
 
-        The search moves points by their gradient. Here there is none, so the search moves
-        points back towards their starts.
+        A margin says how much is left to a limit. `_move_inside` first tries to move a
+        point along the gradients of the margins. Here the gradients are zero, so it moves
+        the point back towards its start.
         """
         return np.zeros((len(poses), 1))
 
     search = NearestPoseSearch(zero_margins, is_reachable)
-    # One axis for each of both points.
+    # One coordinate axis for each of both points.
     axes = np.eye(dimension)[:2]
     unreachable = np.array([[point.distance] for point in points]) * axes
     starts = np.array([[point.start] for point in points]) * axes

@@ -33,8 +33,9 @@ def test_coefficient_times_axis_is_the_velocity_of_the_first_link(name):
 
     The pole J/I is the axis of the rotation of link J relative to link I. Its velocity
     coefficient is the rate of this rotation per rate of one input. w_J and w_I are angular
-    velocities at unit rate of the input, computed from rotations. In the other order the
-    axis is the same, and the velocity and acceleration coefficients have the opposite sign.
+    velocities at unit rate of the input. They come from the rotations of the links, not
+    from poles. The pole I/J has the same axis, and its velocity and acceleration
+    coefficients have the opposite sign.
     """
     evaluation = at(name)  # the configurations at fixed inputs
     for input_pair in evaluation.input_pairs:

@@ -62,8 +62,8 @@ DRIVE_TO_ENDS = """async () => {
 def open_page(browser, tmp_path):
     """Return a function that opens the browser page of a mechanism.
 
-    Its `fragment` is what follows # in the address; further options go to `sk.page`. After
-    the test the browser's console must be empty.
+    The argument `fragment` of this function is what follows # in the address of the page.
+    Its further options go to `sk.page`. After the test the browser's console must be empty.
     """
     messages = []
     tabs = []
@@ -321,11 +321,11 @@ BREAK_THE_SPHERE = (
 
 @pytest.mark.slow
 def test_an_error_in_a_drawing_is_shown_and_stops_no_number(browser, tmp_path):
-    """Numbers and the saved file of a page follow its fields even if drawing fails.
+    """If drawing fails, a changed field still changes the numbers and the mechanism file.
 
     The page draws a sphere. The browser's method `strokeText` is replaced by one that
-    throws the error "torn". The page shows this word in its message of faults. Numbers are
-    compared with `sk.evaluate`.
+    throws the error "torn". The page shows the text of the error. Numbers are compared with
+    `sk.evaluate`. `spherekit.toml()` is the mechanism file that the page offers to save.
     """
     path = tmp_path / "page.html"
     sk.page("four_bar", path)

@@ -35,7 +35,7 @@ def test_shafts_pass_the_angles_of_their_phase_together_and_turn_at_the_ratio_of
     The expected angles obey wheel - wheel_0 = ratio (pinion - pinion_0), modulo a turn.
     `phase` has the angles pinion_0 and wheel_0 (degrees) at which the wheels are put
     together. `gears` are the numbers of teeth, with external or internal contact. `links`
-    are the two links of the wheel's shaft; their order decides about the sign of its angle.
+    are the two links of the wheel's shaft; their order decides the sign of its angle.
     `ratio` is the signed ratio of teeth from the pinion to the wheel. `driven` is the
     input.
     """

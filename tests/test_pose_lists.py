@@ -32,7 +32,11 @@ def pan_tilt(first, second, inputs):
 
 
 def geared_pan_tilt():
-    """Return a pointer whose pan axis is turned by a pinion, and its tilt axis by hand."""
+    """Return a pointer whose pan axis is driven through gears, and its tilt axis directly.
+
+    The inputs are the angle of the pinion (pair `motor`) and the tilt. Five turns of the
+    pinion are two turns of the yoke, so an angle of the yoke has many angles of the pinion.
+    """
     return sk.build(
         "geared_pan_tilt",
         angle_unit="deg",

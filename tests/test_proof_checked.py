@@ -39,21 +39,24 @@ def by_systems():
 def map_of_five_bar():
     """Return a certificate of the map of both inputs of a spherical five-bar.
 
-    A certificate is the file of a proof, which the checker repeats. A map divides the
-    ranges of two inputs into boxes. In a regular box (kind 0) the number of assembly modes
-    (ways to assemble the links) is proven to be constant. Other boxes contain a singularity
-    of type II (1), at which locked inputs do not hold the output, or are undecided (2). The
-    singularities form a curve, which crosses the ranges of this map.
+    A certificate is the file of a proof. The checker, an independent program, repeats the
+    proof; a test falsifies this certificate. A map divides the ranges of two inputs into
+    boxes. In a regular box (kind 0) the number of assembly modes (ways to assemble the
+    links) is proven to be constant. Other boxes contain a singularity of type II (1), at
+    which locked inputs do not hold the output, or are undecided (2). The singularities form
+    a curve, which crosses the ranges of this map.
     """
     text = wide_five_bar_text().replace("from = 40.0\nto = 140.0", "from = 78.0\nto = 96.0")
     exact_mechanism = decimal_mechanism(text)
-    ends = [
+    # The ranges of both inputs.
+    ranges = [
         exact_mechanism.input_range_text(item.pair)
         for item in exact_mechanism.mechanism.inputs
     ]
-    input_map = certify_input_map(exact_mechanism, ends, cell=0.08)  # smallest boxes, rad
+    input_map = certify_input_map(exact_mechanism, ranges, cell=0.08)  # smallest boxes, rad
+    # There are regular and singular boxes, and perhaps undecided ones.
     assert {0, 1, 2} >= set(input_map.kind.tolist()) >= {0, 1}
-    # In the form in which the checker reads it from its JSON file.
+    # As it is read from its JSON file.
     certificate = recorded(map_certificate(input_map))
     check(certificate)
     return certificate
@@ -149,9 +152,9 @@ def test_the_checker_refuses_a_map_with_a_wrong_count_or_a_repeated_solution():
     A map states the number of assembly modes (ways to assemble the links) over boxes of two
     inputs; here it is 16 everywhere. The four loop equations are solved two by two
     (`"systems"`): first two of them, then the others for each solution of the first. For
-    each system the certificate lists all complex solutions at some inputs, from which the
-    checker starts. `check` accepts the true certificate; `refuse` fails unless a copy is
-    refused.
+    each system the certificate lists all complex solutions at some inputs. The checker
+    follows them from these inputs to other ones. `check` accepts the true certificate;
+    `refuse` fails unless a copy is refused.
     """
     exact_mechanism = read_decimals(sk.load("two_dof_spm"))
     input_map = certify_input_map(exact_mechanism, [("20", "20.01"), ("17", "17.01")])

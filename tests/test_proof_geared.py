@@ -66,12 +66,14 @@ def test_modes_and_dead_centres_of_a_geared_five_bar_are_those_of_the_closed_for
 ):
     """Proven modes and dead centres of a geared five-bar are those of its closed form.
 
-    A mode is a way to assemble the links; at a dead centre the input cannot go on. `margin`
-    is the closed form: the arc by which two couplers can span more than the gap between the
-    crank tips. Dead centres are its zeros, and two modes exist where it is positive. `laps`
-    is the number of turns of the input after which all wheels have come back. `ends` are
-    the ends of the input's range in degrees, as decimal texts, since a proof is about exact
-    decimal numbers.
+    A mode is a way to assemble the links; at a dead centre the input cannot go on. The
+    couplers join the tips of the two cranks. The closed form `margin` says by how much they
+    can span more than the arc between the tips. Dead centres are its zeros, and two modes
+    exist where it is positive.
+
+    `laps` is the number of turns of the input after which all wheels have come back. A
+    range of so many turns is a full cycle. `ends` are the ends of the range of the input in
+    degrees. They are decimal texts, since a proof is about exact decimal numbers.
     """
     curves = certify_curves(geared(teeth), ends)
     low, high = map(float, ends)

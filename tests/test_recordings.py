@@ -76,9 +76,9 @@ def test_cursors_legends_and_curves_of_charts_agree_with_the_table(tmp_path):
     They show the velocity coefficients of links 3 and 4 relative to link 1. There is a
     chart for each assembly mode; "p1" and "p0" are names of the modes. The cursor of a
     chart is at the input, which goes from 0 to 360 deg. The legend shows the coefficients
-    at the cursor to four significant digits. A curve is the column of the table to some
-    scale, within the frame. In a chart y points down, and the upper edge of the frame is y
-    = 0.
+    at the cursor to four significant digits. A curve shows the column of the table, scaled
+    and shifted so that it fits into the frame. In a chart y points down, and y = 0 is the
+    upper edge of the frame.
     """
     path = tmp_path / "a.rrd"
     result, pages = recorded(path, "four_bar", "poles:only=31+41", samples=73)
@@ -101,7 +101,7 @@ def test_cursors_legends_and_curves_of_charts_agree_with_the_table(tmp_path):
             shown = np.array([number(labels[k].split("  ")[1]) for labels in legends])
             assert shown == pytest.approx(coefficient, rel=6e-4)  # four digits
             (curve,) = read_component(path, f"{chart}/curves/{k}", "LineStrips2D:strips")
-            y = -np.array(curve[0])[:, 1]
+            y = -np.array(curve[0])[:, 1]  # points up
             correlation = np.corrcoef(y, coefficient)[0, 1]
             assert correlation == pytest.approx(1.0, abs=1e-9)
             assert np.all((y < 0.0) & (y > -FRAME_HEIGHT))

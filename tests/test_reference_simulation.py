@@ -65,7 +65,7 @@ def largest_difference(numbers, expected):
 
 
 def test_a_pendulum_swings_by_elliptic_functions():
-    """A simulated pendulum has the motion of Jacobi's elliptic functions, in 20 digits.
+    """A pendulum simulated in 20 digits has the motion of Jacobi's elliptic functions.
 
     Angle, rate and acceleration at 13 times are compared with mpmath's sn and cn in 50
     digits. From the lowest position with the rate w0, sin(angle / 2) = k sn(w t, m) with
@@ -96,9 +96,9 @@ def test_a_pendulum_swings_by_elliptic_functions():
 def test_a_load_with_a_kink_is_integrated_exactly_on_both_sides():
     """A link pushed by a load with a kink moves as its closed form says, in 20 digits.
 
-    It moves freely to 0.5 rad at 1 rad/s, and is then pushed away with 3 N m per rad
-    beyond. With 3 / `INERTIA` = 4 = 2^2, the angle is 0.5 + sinh(2 (t - 0.5)) / 2 from 0.5
-    s on.
+    The load is zero up to the angle 0.5 rad, which the link reaches at 1 rad/s. Beyond
+    0.5 rad it pushes the link on, with 3 N m per rad. So it has a kink at 0.5 rad. With
+    3 / `INERTIA` = 4 = 2^2, the angle is 0.5 + sinh(2 (t - 0.5)) / 2 from 0.5 s on.
     """
     mechanism = pendulum(PairTorque("push", "12", "3*max(0, theta_12 - 0.5)"))
     simulation = reference_simulation(mechanism, Start(0.0, 1.0), 2.0)
@@ -421,7 +421,7 @@ def test_a_trade_without_a_reference_in_20_digits_says_what_it_compares_with(mon
     are differences from a reference. Here the reference in 20 digits (`refined`) and the
     compiled engine fail, so that a simulation by NumPy with the tolerance 1e-13 is the
     reference. Its own error is its difference from a simulation with the tolerance 1e-12.
-    Smaller errors cannot be measured, so it is called the floor.
+    The trade cannot measure errors smaller than this one. The result states it as `floor`.
     """
 
     def fail(*_, **__):

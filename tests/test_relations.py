@@ -120,7 +120,7 @@ def test_torques_of_eksergian_and_dynamics_satisfy_the_equation_of_motion(gears)
     the input, Q the generalised force of all loads. Both analyses must agree. Power is tau
     dq, kinetic energy B dq^2 / 2. The parts by load and by link must add up to the whole.
     Tolerances are absolute where a difference of larger numbers is compared. `gears` is the
-    run.
+    run of a bevel pair.
     """
     eksergian = gears.frame("eksergian")
     dynamics = gears.frame("dynamics")

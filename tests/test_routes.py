@@ -141,13 +141,13 @@ def nearly_parallel_four_bar():
 
 
 def test_only_the_default_route_computes_ill_conditioned_rows_in_quad_precision():
-    """With two nearly parallel axes, the default route takes quad precision in all rows.
+    """With two nearly parallel axes, the default route has quad precision in all rows.
 
     A route is a way to compute the poles (axes of relative rotation) and rates of links.
     The routes "first" and "conditioned" construct each pole as the intersection of two
     great circles. Through each pole several great circles are known. "first" takes the
     first two of them, "conditioned" the two whose intersection is best conditioned. Here
-    both routes fail in double precision, with a status and without numbers.
+    both routes fail in double precision. Their status says so, and their rates are NaN.
     """
     # Without a search for other modes than that of the reference pose.
     position_analysis = PositionAnalysis(

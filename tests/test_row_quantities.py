@@ -277,13 +277,16 @@ def test_directions_of_outputs_by_quantities_are_those_of_rotations(name, compar
 def test_forces_and_free_accelerations_are_those_of_inverse_dynamics(name):
     """Forces, torques, inertia and energy by name are those of inverse dynamics.
 
-    `RowsOfFirstSample` has these quantities of a sweep at its first sample. "B" is the name
-    of the mass matrix, here called M. The free acceleration is that of the inputs if no
-    torque drives them. The inputs follow a law of time with another acceleration. From M
-    ddq + h = torque follows M (free acceleration - acceleration of the law) = -torque.
+    `RowsOfFirstSample` computes the quantities by their names at the first sample of a
+    sweep, and the inverse dynamics at the same inputs. "B" is the name of the mass matrix,
+    here called M. The free acceleration is that of the inputs if no torque drives them. The
+    inputs follow a law of time with another acceleration. From M ddq + h = torque follows M
+    (free acceleration - acceleration of the law) = -torque.
 
-    Names of quantities end with the input to which they belong: `component_suffixes`, such
-    as _21, for components of vectors, and `input_suffixes`, such as _by_21, for others.
+    With several inputs, names of quantities end with an input. The component of the free
+    acceleration that belongs to the input 21 ends in _21 (`component_suffixes`). A torque
+    or force at this input ends in _by_21 (`input_suffixes`). An entry of the mass matrix
+    ends in both.
     """
     beginnings = ("torque", "generalized", "free", "kinetic", "B")
     rows = RowsOfFirstSample(name, lambda quantity: quantity.startswith(beginnings))

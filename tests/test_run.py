@@ -67,14 +67,14 @@ def test_a_frame_that_is_changed_does_not_change_the_result(result):
         (
             "roller_cam",
             "s_contact_cam",
-            'arc length along the profile of link "cam", from its start to the contact '
-            'point of pair "contact"',
+            'arc length (on the unit sphere) along the profile of link "cam", from its '
+            'start to the contact point of pair "contact"',
         ),
         (
             "bevel_differential",
             "s_left_mesh",
-            'arc length by which links "left" and "planet" have rolled on each other at '
-            'pair "left_mesh"',
+            'arc length (on the unit sphere) by which links "left" and "planet" have '
+            'rolled on each other at pair "left_mesh"',
         ),
     ],
 )

@@ -249,6 +249,7 @@ def test_a_number_type_of_the_user_compiles_and_gives_derivatives(tmp_path):
     input: that of the known configuration of mode 0, which is exported with the mode
     (`at`).
     """
+    # Formulas of a pole also compare numbers, which must compile for dual numbers too.
     exported = formulas("four_bar", ["theta_*", "pole_4_2_*"])
     (tmp_path / "x.hpp").write_text(source(exported, "cpp"))
     path = tmp_path / "dual.cpp"

@@ -119,15 +119,16 @@ def check_mode_counts(position_analysis, configurations, singularities):
     A mode is a way to assemble the links. At a dead centre the input reverses along its
     configuration curve. Where the input has a minimum, two modes appear as the input grows;
     where it has a maximum, two vanish. Modes are enumerated at random inputs over a turn.
-    The number at each input is compared with that at the smallest one, plus 2 for each
-    minimum and minus 2 for each maximum between.
+    The expected number of modes at an input is the number at the smallest random input,
+    plus 2 for each minimum and minus 2 for each maximum between the two inputs.
 
     Parameters
     ----------
     position_analysis
         The mechanism.
     configurations
-        Its configuration curves. They state the number of modes at further inputs.
+        Its configuration curves. Their attributes `inputs` and `counts` are further inputs
+        and the numbers of modes there, which are checked too.
     singularities
         Its singularities, among which are the dead centres.
 

@@ -418,9 +418,11 @@ def test_the_output_reverses_where_singularities_are_listed(name, tmp_path):
     """Between samples the output's rate reverses if an odd number of reversals is listed.
 
     The rate is the velocity coefficient times the pole axis of table `poles` (the axis of
-    the output's rotation and its rate per rate of the input). Its product at successive
-    samples is negative where it reverses. A label such as "0+1" lists all assembly modes
-    (ways to assemble the links) of a singularity.
+    the output's rotation and its rate per rate of the input). The scalar product of the
+    rates at two successive samples is negative where the rate reverses between them.
+    Singularities come from the analysis "singularities" (`NAME`). A label such as "0+1"
+    lists all assembly modes (ways to assemble the links) of a singularity. `DWELL` is the
+    file of a cam drive, other names are shipped mechanisms.
     """
     (tmp_path / "dwell.toml").write_text(DWELL)
     mechanism = sk.load(tmp_path / "dwell.toml" if name == DWELL else name)
@@ -484,10 +486,13 @@ def test_curves_of_type_two_have_no_gap_at_a_zero_in_a_mesh_vertex(mid_plane):
 def test_over_constrained_mid_plane_loops_have_curves_of_type_one_only():
     """For an over-constrained mechanism there are curves of type I, but None for type II.
 
-    Base and output of the mechanism mirror each other in a plane, the mid-plane. Curves of
-    type II are zeros of the determinant of the velocity equations with locked inputs. Here
-    one more pair joins links 9 and 10. It adds a loop of three equations, but only one
-    variable, so the equations are not square. Curves of type I need no determinant.
+    Base and output of the mechanism mirror each other in a plane, the mid-plane. A singular
+    curve is a curve of normals of this plane. Curves of type I, at which an input can move
+    while the output rests, have a closed form. Curves of type II are zeros of the
+    determinant of the velocity equations with locked inputs.
+
+    Here one more arc-prismatic pair (P) joins links 9 and 10. It adds a loop of three
+    equations, but only one variable. So the velocity equations are not square.
     """
     text = dumps(sk.load("two_dof_spm"))
     for link, axes in (("9", '"9_2", "11_9"'), ("10", '"10_6", "11_10"')):

@@ -204,7 +204,14 @@ def test_reciprocal_condition_is_that_of_the_loop_equations_with_locked_inputs()
 
 
 def test_modes_of_type_three_in_every_row_are_remarked_and_not_warned_of(monkeypatch):
-    """A mode of type III in every row is of types I and II; its rows are not near them."""
+    """If a mode is of type III in every row, a remark says so, and there is no warning.
+
+    At type I inputs can move while the output rests, at type II the output can move while
+    the inputs rest. Type III is both at once. The analysis warns if rows (configurations)
+    come near to type I or II, that is, if `type_one` or `type_two` is small. It must leave
+    out modes of type III in every row. Here all rows are changed to such rows, for which
+    both measures are zero.
+    """
     computed = several_inputs.coefficients
 
     def all_of_type_three(*arguments):

@@ -82,9 +82,9 @@ class Page(HTMLParser):
 def pages_listed_by(page):
     """Return the pages that a page of the documentation lists in its tables of contents.
 
-    Pages are named by their path below `docs`, without suffix. `TOCTREE` finds the tables
-    of contents; their lines are a name, "title <name>", or an option that begins with a
-    colon.
+    Tests follow these lists to find out whether every page can be reached. Pages are named
+    by their path below `docs`, without suffix. `TOCTREE` finds the tables of contents. A
+    line of a table is a name, "title <name>", or an option that begins with a colon.
     """
     text = (ROOT / "docs" / f"{page}.md").read_text("utf-8")
     children = []

@@ -163,9 +163,10 @@ def test_a_run_that_is_refused_because_of_unfinished_work_is_not_recorded(
 ):
     """A run that is refused because of unfinished work has not started a recording.
 
-    The first run is interrupted half way, as by Ctrl-C. The second lacks `--resume` and is
-    refused after its simulation. So its `EventRecorder` has steps of the simulation only,
-    and no rows.
+    The first run is interrupted half way, as by Ctrl-C. It leaves unfinished work in its
+    folder. The second run has the same folder, but does not say what to do with this work.
+    It is refused, but only after its simulation. `EventRecorder` notes the steps of a
+    simulation, and the rows that are recorded. So here it has steps, but no rows.
     """
     interrupted = EventRecorder(monkeypatch)
 

@@ -53,7 +53,8 @@ def make_designs(name, keys, change_deg):
 def compute_figures_by_runs(mechanism, samples, link, pair, moving_inputs):
     """Compute by ordinary runs the figures that a sweep computes by a compiled kernel.
 
-    A figure is one number for each assembly mode (one way to assemble the links).
+    A figure is one number for each assembly mode (one way to assemble the links). The
+    sweep over designs is compared with these figures.
 
     Parameters
     ----------
@@ -62,8 +63,8 @@ def compute_figures_by_runs(mechanism, samples, link, pair, moving_inputs):
     pair
         Joint without drive whose angle is taken.
     moving_inputs
-        Two inputs, of which one moves while the other is locked. The first moves for the
-        velocity coefficient, the second for the acceleration coefficient.
+        Two inputs. The velocity coefficient is taken while only the first one moves, the
+        acceleration coefficient while only the second one moves.
 
     Returns
     -------

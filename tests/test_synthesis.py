@@ -275,21 +275,23 @@ def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
 
 
 def check_gradients(evaluator, design, steps, mode, absolute_tolerance):
-    """Assert that gradients of all figures are central differences of a sweep.
+    """Assert that the gradients of all figures of merit agree with central differences.
 
     A figure of merit is a number of a design in an assembly mode (way to assemble the
-    links).
+    links). A sweep evaluates the design and the changed designs for the differences.
 
     Parameters
     ----------
     evaluator
         Computes the figures of merit of designs.
     design, steps
-        (variables,) numbers of the design and half-widths of the differences.
+        (variables,) numbers of the design, and by how much each of them is increased and
+        decreased.
     mode
         Label of the assembly mode.
     absolute_tolerance
-        Allowed difference of derivatives beside the relative one of 1e-6.
+        Allowed absolute difference of derivatives. A relative difference of 1e-6 is also
+        allowed.
 
     Returns
     -------

@@ -52,7 +52,7 @@ def write_synthesis(path, mechanism, minimise, vary, figures, samples, where=(),
     minimise
         Formula of the objective.
     vary
-        Keys of the numbers that vary, with the ends of their ranges.
+        Ends of the ranges of the numbers that vary, by their keys such as "links.3.arc".
     figures
         Formulas of figures of merit by their names.
     where

@@ -118,10 +118,11 @@ class LastInput(MinimalAnalysis):
 
 
 def test_an_analysis_can_read_time_and_rates_of_all_inputs():
-    """An analysis that reads the time needs laws of all inputs, and has to declare this.
+    """An analysis has to declare that it reads the time; it then needs laws of all inputs.
 
-    The five-bar has two inputs. The analysis `LastInput` fills a table with the time, and
-    with rate and acceleration of the last input.
+    A law states an input as a function of time. The five-bar has two inputs. The analysis
+    `LastInput` fills a table with the time, and with rate and acceleration of the last
+    input.
     """
     mechanism = sk.load("five_bar")
     first, last = mechanism.inputs

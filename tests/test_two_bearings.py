@@ -36,8 +36,8 @@ def test_a_plan_of_a_rigid_mechanism_is_refused(tmp_path, capsys):
     rod and frame removes it.
     """
     text = TEXT
-    # The frame (passages 1 and 2) and the rod (3 and 4) get an axis for the new pair, with
-    # an arc and an angle.
+    # Each line replaces a passage of the file. Lines 1 and 2 add an axis for the new pair
+    # to the frame, with an arc and an angle. Lines 3 and 4 do the same for the rod.
     for passage, replacement in (
         ('"hinge"], arcs = [180.0, 60.0]', '"hinge", "tie"], arcs = [180.0, 60.0, 50.0]'),
         ("angles = [0.0] }\ndrum", "angles = [0.0, 40.0] }\ndrum"),

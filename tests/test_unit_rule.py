@@ -393,14 +393,15 @@ def test_wrong_units_get_a_message_with_what_is_allowed(text, dimension, parts):
 
 @pytest.mark.parametrize("text", ["12345.678", "1234567.25"])
 def test_the_advice_on_an_implausible_angle_repeats_all_its_digits(text):
-    with pytest.raises(QuantityError, match=rf"write {text}deg if so many turns are meant"):
+    advice = rf"write {text}deg if you mean this many turns"
+    with pytest.raises(QuantityError, match=advice):
         read_quantity(text, ANGLE, "deg")
 
 
 def test_an_implausible_number_in_radians_is_refused_with_the_unit_that_was_assumed():
     """144.8 in a file in radians would be 23 turns; with its unit it is accepted."""
     with pytest.raises(
-        QuantityError, match=r"144.8 rad \(the unit of the file\), or 23 turns"
+        QuantityError, match=r"144.8 rad \(the unit of the file\), that is, 23 turns"
     ):
         read_quantity("144.8", ANGLE, "rad")
     assert read_quantity("144.8rad", ANGLE, "rad") == 144.8

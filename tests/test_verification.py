@@ -511,8 +511,8 @@ def test_the_verification_of_a_resumed_run_names_the_samples_it_leaves_out(
 ):
     """A run of 8 samples is interrupted after some of them, and resumed with `verify`.
 
-    The earlier samples are not verified. If these are all samples, nothing is verified, and
-    a warning says why.
+    `verify=3` computes three rows again in 50 digits and compares them. The earlier samples
+    are not verified. If these are all samples, nothing is verified, and a warning says why.
     """
 
     def interrupt(done, total):

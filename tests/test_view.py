@@ -321,9 +321,9 @@ def test_failed_samples_show_only_their_status(partial_recording):
 def test_arrows_that_cover_each_other_share_a_label(tmp_path):
     """In a recording, two arrows half a degree apart get one label with both names.
 
-    Sample 0: all arrows are apart. Sample 1: P14 and P25 together. Sample 2: P25 is
-    missing. The arrow "pair" is marked as the axis of a pair, which has no label of this
-    kind.
+    P14, P25 and P36 are arrows of poles. At sample 0 they are apart, at sample 1 P14 and
+    P25 are together, and at sample 2 P25 is missing. The arrow "pair" always coincides with
+    P14. It is marked as the axis of a pair. Its name must not appear in the label of P14.
     """
     x, y, z = np.eye(3)
     beside_x = Rotation.from_rotvec([0.0, 0.0, np.radians(0.5)]).apply(x)
@@ -345,7 +345,7 @@ def test_arrows_that_cover_each_other_share_a_label(tmp_path):
     columns = read_recording_columns(path)
 
     def read_labels(name):
-        """Return the labels of an arrow at each sample."""
+        """Return the labels of an arrow at each sample, an empty list if it has none."""
         entity = f"/four_bar/assembly_mode_0/pole/{name}/label"
         positions = columns[entity, "Points3D:positions"]
         labels = [list(row or []) for row in columns[entity, "Points3D:labels"]]

@@ -89,7 +89,11 @@ def five_bar_with_driving_four_bar():
     The sizes of a link are its axes, the arcs from its first axis to each further one, and
     the angles between these arcs, in degrees. The output is a direction (pointer) in the
     second coupler: the z axis of this link, which is its first axis c. The last argument
-    states angles (rad) at which pairs read zero.
+    states for each input the angle (rad) between the first arcs of its two links at which
+    the input is 0.
+
+    Tests of limits need this five-bar as an example with an inner loop. The loop consists
+    of base, drive, rod and crank2.
     """
     return mechanism_from_sizes(
         {

@@ -434,11 +434,11 @@ class EquivalentRotation(AbstractAnalysis):
         return Findings(summary, warnings, tuple(remarks))
 
     def _schedule_record(self, schedule: TimeScaling) -> dict[str, Any]:
-        """Return what the summary states about a schedule (the rotation in time).
+        """Return what the summary states about a schedule of the rotation.
 
-        The record has the duration and the extremes: the largest speed and the largest
-        acceleration of each input. Each extreme has its time t, and the angle theta of the
-        rotation at this time.
+        A schedule gives the time at which the rotation reaches each angle theta. The record
+        has the duration and the extremes: the largest speed and the largest acceleration of
+        each input. Each extreme has its time t, and the angle theta at this time.
         """
         # The speeds and accelerations of the inputs are limited. The duration is as short
         # as these limits allow. The binding limit is the one that prevents a shorter

@@ -137,10 +137,13 @@ def read_poses(
     if len(given_sources) != 1:
         first_form = _forms_of_output(solver)[0]
         example = "+".join(f"{name}={10 * k}" for k, name in enumerate(first_form, 1))
+        mistake = "no poses are given"
+        if given_sources:
+            mistake = f"found {' and '.join(given_sources)}"
         raise AnalysisError(
-            f"{where}: found {' and '.join(given_sources) or 'no poses'}; give exactly "
-            f"one of these: a list as {parameter}={example}, a file as file=NAME.csv, or a "
-            "grid as window=NAME:FROM:TO:COUNT (for several coordinates, join such parts "
+            f"{where}: {mistake}; give exactly one of these: a list of poses, such as "
+            f"{parameter}={example}, a file, such as file=NAME.csv, or a grid of poses, as "
+            "window=NAME:FROM:TO:COUNT (one NAME:FROM:TO:COUNT for each coordinate, joined "
             "by +)"
         )
     if columns and not file:

@@ -50,8 +50,9 @@ def _compare_positions(
     inputs
         Whether the comparison applies to mechanisms with one input or with several.
     """
-    # The time limit `seconds` is raised to 100 s, so that only the compared parameter
-    # limits the accuracy. Runs with one input, compared by `samples`, have no time limit.
+    # The time limit, the parameter `seconds`, is raised to 100 s so that it does not also
+    # limit the accuracy. It stays if it is itself compared. Runs with one input, compared
+    # by `samples`, have no time limit.
     raises_time_limit = parameter not in ("samples", "seconds")
     return ParameterTrade(
         parameter,

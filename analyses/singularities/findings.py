@@ -84,14 +84,19 @@ def _group_by_modes(inputs_deg: Floats, modes: Iterable[str]) -> dict[str, list[
     """Return formatted inputs (deg) by the assembly modes in which they occur.
 
     An assembly mode is one way to assemble the links. Inputs that occur in the same modes
-    are listed together.
+    are listed together, in one part of a sentence.
 
     Parameters
     ----------
     inputs_deg
         (n,) inputs of singularities (deg).
     modes
-        Numbers of the assembly modes of each singularity, as a text joined by plus signs.
+        For each singularity a text with the numbers of its assembly modes, such as "0+1".
+
+    Returns
+    -------
+    The formatted inputs by texts such as "modes 0, 1". The text is empty for inputs in no
+    computed mode.
     """
     # The keys are formatted inputs, so inputs that are equal when printed are one item.
     modes_of_input: dict[str, set[int]] = {}
@@ -203,7 +208,7 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
     angle_on_curve = sampled.output_angle(number, output, s)
     angle = angle_on_curve
     # Without a pair between the two links, the angle is the rotation about the pole axis
-    # since the start. With a pair, it is the variable of the pair, up to the sign.
+    # since the start. With a pair, it is the variable of the pair, or its negative.
     crossing_values = [values for _, values in sampled.crossing_ends(number)]
     variable_count = curve.nodes.values.shape[1]
     crossing_angles = sampled.pair_angle(

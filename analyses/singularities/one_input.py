@@ -120,7 +120,7 @@ class OneInput:
 
     @cached_property
     def sampled(self) -> SampledSingularities:
-        """The singularities on all configuration curves, and the place of each row on them.
+        """The singularities on all configuration curves, and where each row is on a curve.
 
         A configuration curve consists of all configurations that one continuous motion
         passes. A row is one configuration of the batch.

@@ -341,8 +341,8 @@ class SeveralInputs:
         ----------
         points
             n singular configurations. `inside` states whether all inputs are within their
-            declared ranges. `pointing` has the direction of the output, None if the output
-            is an orientation.
+            declared ranges. If the output is a direction of a link, `pointing` has this
+            direction. If the output is the orientation of a link, `pointing` is None.
         output
             The output.
         claim
@@ -352,8 +352,8 @@ class SeveralInputs:
         Returns
         -------
         Columns (n,) by name. `condition` is the geometric reason of the singularity, such
-        as three axes in one plane. `residual` is the error with which the point satisfies
-        the equations of a singular point.
+        as three axes in one plane. `residual` is the larger of two errors: by how much the
+        loops are open (rad), and the rates that should be zero at the singularity.
         """
         batch = self.batch
         mechanism = self.batch.mechanism
@@ -476,10 +476,11 @@ class SeveralInputs:
         """The table of aspects: configurations over a grid of input values.
 
         An aspect is a connected set of configurations without singularities. Each row of
-        the table is a configuration with the number of its aspect. The other columns
-        describe the whole aspect. `sign_II` is the sign of a determinant that is 0 at
-        singularities of type II, `sign_I` that of one that is 0 at type I. `assembly_modes`
-        is the number of configurations at the same inputs in the aspect.
+        the table has the inputs of a configuration and the number of its aspect. The other
+        columns describe the whole aspect. `sign_II` is the sign of a determinant that is 0
+        at singularities of type II, `sign_I` that of one that is 0 at type I.
+        `assembly_modes` is the largest number of configurations of the aspect at one sample
+        of the inputs.
         """
         # None if the user does not want aspects.
         found_aspects = self._search_result.aspects
@@ -610,7 +611,8 @@ class SeveralInputs:
         parts = []
         for curve in locus.curves:
             if np.any(curve.points.inside):
-                # Computed points are too far apart to show where a curve leaves the ranges.
+                # The computed points of a curve are too far apart to show where it leaves
+                # the ranges, so points between them are added.
                 points = self._dense_points(curve)
                 parts.append(points.inputs[points.inside])
         count_text = counted(len(parts), "curve") if parts else "none"
@@ -897,8 +899,9 @@ class SeveralInputs:
         """Return drawings of the singular curves of an output on the sphere.
 
         The path of the output's direction along a singular curve is a curve on the sphere.
-        Points of type III, which are of types I and II at once, are marked. `loci` are the
-        singular curves of each kind.
+        A singular configuration allows a motion in which the output (type I) or all inputs
+        (type II) rest. Points of type III, which are of both types at once, are marked.
+        `loci` are the singular curves of each kind.
         """
         parts: list[Primitive] = []
         for locus in loci:
@@ -954,8 +957,8 @@ def _summarize_locus(locus: Locus) -> dict[str, Any]:
     surfaces are:
 
     - ``vertices``: the number of vertices of the meshes that cover the surfaces.
-    - ``irregular``: the number of singular configurations at which no mesh could start,
-      because surfaces cross.
+    - ``irregular``: the number of singular configurations that were found, but at which no
+      mesh can start. For example, surfaces cross there.
 
     The entry ``claim`` says in words how complete the search was.
     """

@@ -61,9 +61,10 @@ SINGULARITIES = Table(
         Column(
             "signs",
             "",
-            "one sign for each group of links; if the group is a dyad, the sign tells its "
-            "two assemblies apart; 0: the group is singular here; *: the group does not "
-            "affect the output",
+            "one sign for each group of links that are assembled together, such as a dyad: "
+            "+ or -, the sign of a determinant; it differs between the two ways to "
+            "assemble a dyad; 0: the determinant is zero (the group is singular here); *: "
+            "the group does not affect the output",
             "text",
         ),
         Column(
@@ -127,7 +128,7 @@ SINGULARITIES = Table(
             "note",
             "",
             "remarks, such as which curves cross here, the geometric conditions in words, "
-            "or why the kind is uncertain",
+            "or why the kind of the singularity is uncertain",
             "text",
         ),
     ),
@@ -153,14 +154,14 @@ RELATION = Table(
         Column(
             "c",
             "",
-            "coefficient of the rate y' of the output in c y' = d q'; 0 at a "
-            "type II singularity",
+            "coefficient of the rate y' of the output in c y' = d q', where q' is the rate "
+            "of the input; 0 at a type II singularity",
         ),
         Column(
             "d",
             "",
-            "coefficient of the rate q' of the input in c y' = d q'; 0 at a "
-            "type I singularity",
+            "coefficient of the rate q' of the input in c y' = d q', where y' is the rate "
+            "of the output; 0 at a type I singularity",
         ),
         Column(
             "velocity_coefficient",
@@ -187,14 +188,13 @@ RELATION = Table(
             "output_rate",
             "",
             "derivative of the output with respect to the arc length of the "
-            "configuration curve, in the space of all pair variables",
+            "configuration curve in the space of all pair variables",
         ),
         Column(
             "input_rate",
             "",
-            "derivative of the input with respect to the arc length "
-            "of the configuration curve, in the space of all pair "
-            "variables",
+            "derivative of the input with respect to the arc length of the "
+            "configuration curve in the space of all pair variables",
         ),
         Column(
             "transmission",
@@ -205,12 +205,16 @@ RELATION = Table(
         Column(
             "input_margin_I",
             "rad",
-            "change of the input from here to the nearest type I singularity",
+            "absolute difference between the input in this row and at the nearest type I "
+            "singularity of the same configuration curve; empty if there is none, and with "
+            "several inputs",
         ),
         Column(
             "input_margin_II",
             "rad",
-            "change of the input from here to the nearest type II singularity",
+            "absolute difference between the input in this row and at the nearest type II "
+            "singularity of the same configuration curve; empty if there is none, and with "
+            "several inputs",
         ),
         Column(
             "sigma",
@@ -237,9 +241,9 @@ RELATION = Table(
         Column(
             "group",
             "",
-            "1: singular for the motion of a single input while the others are locked; 2: "
-            "singular only for a combined motion of several inputs; 0: not of type I, II "
-            "or III",
+            "in a row of type I, II or III: 1 if the configuration is singular for the "
+            "motion of a single input while the other inputs are locked, 2 if it is "
+            "singular only for a combined motion of several inputs; in other rows: 0",
             "integer",
         ),
     ),

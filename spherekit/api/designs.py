@@ -101,7 +101,7 @@ def specification_of(
     path
         The synthesis file.
     designs, seed
-        Number and random seed of the designs that are evaluated first.
+        Number and random seed of the designs that the first, coarse search evaluates.
 
     Raises
     ------
@@ -191,7 +191,8 @@ def _precision_point_deviations(
     Parameters
     ----------
     document
-        The synthesis file. Its tables ``match`` list quantities, inputs and values.
+        The synthesis file. It has one table ``match`` or a list of such tables. Each table
+        has a quantity, its inputs and its desired values.
     angle_unit
         Unit of angles of the mechanism file. Inputs and desired angles without a unit are
         in this unit.
@@ -222,7 +223,8 @@ def _precision_point_deviations(
                 input_list = input_values
             else:
                 input_list = [input_values]
-            for number in input_list:  # raises an error with the line of a wrong unit
+            for number in input_list:
+                # Only checks the number: a wrong unit raises an error with its line.
                 _angle_of(document, inputs_path, number, angle_unit)
             inputs_text = ", ".join(
                 number if isinstance(number, str) else repr(float(number))

@@ -456,7 +456,8 @@ def _export_functions(
     # input.
     make_model: Any = reduced_grid_model if has_several_inputs else reduced_model
     model = make_model(mechanism, assembly_mode=assembly_mode, **options)
-    # `covered` is the part of the box in which the functions are known.
+    # The box has the range of each input along one axis. `covered` is the part of the box
+    # in which the functions are known.
     if model.heading.covered < 1.0:
         notes.append(
             f"known in {model.heading.covered:.3g} of the box of the inputs' ranges; "

@@ -74,8 +74,8 @@ TABLE = Table(
         Column(
             "velocity_coefficient",
             "",
-            "velocity coefficient k: angular velocity of the link about the pole axis "
-            "u, relative to the other link, divided by the rate of the input",
+            "velocity coefficient k: angular velocity of `link` relative to "
+            "`relative_to` about the pole axis u, divided by the rate of the input",
         ),
         Column(
             "acceleration_coefficient",
@@ -103,8 +103,8 @@ TABLE = Table(
         Column(
             "direction_dq_error_bound",
             "1/rad",
-            "upper bound of the length of the error vector of du/dq, the derivative "
-            "of the pole axis u with respect to the input q",
+            "upper bound of the error of du/dq, the derivative of the pole axis u with "
+            "respect to the input q: length of its difference from the exact vector",
             scale="none",
         ),
         RESIDUAL,
@@ -127,17 +127,20 @@ class Kinematics:
     ``"3/1"``. A coefficient is the rate of a quantity per unit rate of the input `moving`,
     while the other inputs are locked; with one input `moving` may be left out. The sense of
     a pole axis, and with it the sign of its coefficient, is continuous along the rows of an
-    assembly mode. In the first row the pole axis points to the side on which the
-    mechanism's axes are. Angles are in rad, vectors in ground axes. Rows that failed hold
-    NaN, and `status` has the reason. Methods that end in `error_bound` return bounds of the
-    errors, as the columns of these names do in the table `poles`.
+    assembly mode. In the first row, the pole axis has a positive component along the sum of
+    the unit vectors to all axes and contact points. The pole axis of two links that a pair
+    joins is the axis of the pair, with its sign.
+
+    Angles are in rad, vectors in ground axes. Rows that failed hold NaN, and `status` has
+    the reason. Methods that end in `error_bound` return bounds of the errors, as the
+    columns of these names do in the table `poles`.
 
     With several inputs and groups of links that are no dyads (two links with three R
     pairs), each mode is followed from row to row by verified steps. After an input at which
-    a mode has no configuration, its number may denote another mode. A run whose samples are
-    the same inputs gives the modes the same numbers, unless a mode has such a gap. At other
-    inputs the numbers can differ. `search` says how the modes were found, and whether there
-    may be others.
+    a mode has no configuration, its number may denote another mode. If no mode has a gap of
+    this kind, a run whose samples are the same inputs gives the modes the same numbers. At
+    other inputs the numbers can differ. `search` says how the modes were found, and whether
+    there may be others.
     """
 
     mechanism: Mechanism
@@ -343,7 +346,7 @@ class Kinematics:
         """Return a bound (n,) of the error of `direction_dq`, 1/rad.
 
         `direction_dq` is the derivative of the direction of a pole axis with respect to the
-        input. The bound limits the length of the error vector of this derivative.
+        input. The bound limits the length of the difference from the exact derivative.
         """
         links = self._pole(pole)
         return self._drop_axis_if_single(
@@ -770,14 +773,15 @@ class _SingleRowEvaluator:
         low, high = self.input_range
         is_in_range = low <= q <= high
         if isfinite(q) and not is_in_range:
-            # The configuration is the same at an input shifted by whole revolutions (or
-            # another period). The analysed range may have such an input.
+            # Configurations are computed in the range only. They are the same after whole
+            # revolutions of the input (or another period). So q is shifted by these into
+            # the range, or as close to it as possible.
             q = shift_into_range(self.position_analysis, np.array([q])).item()
         # The kernel is the function that computes the configuration. Its arguments are q
-        # and signs that select the mode, or an estimate of the configuration.
+        # and signs that select the assembly mode, or an estimate of the configuration.
         arguments = self._kernel_arguments(q)
         if arguments is None:
-            # There is no estimate, for example because the mode does not exist at q.
+            # There is no estimate, for example if the assembly mode does not exist at q.
             return None
         evaluated_row = self.kernel.evaluate_row(arguments)
         if evaluated_row is None:
@@ -817,14 +821,23 @@ class _SingleRowEvaluator:
         """Return the batch of one configuration at an input q (rad).
 
         A batch has arrays for several configurations (rows), their pole axes, rates and
-        error bounds. This batch has one row. `evaluated_row` has its numbers as plain
-        floats. They replace those of a known row, `row_template`.
+        error bounds. This batch has one row. Making it converts plain floats to the arrays
+        that `Kinematics` reads, the object that the user gets for one or many inputs.
+
+        Parameters
+        ----------
+        q
+            The input (rad).
+        evaluated_row
+            The numbers of the configuration at q, as plain floats.
         """
         values = np.array([evaluated_row.variables])
         # The input keeps its value q. The variables of all other pairs (passive ones) are
         # reduced to (-pi, pi].
         passive_variables = list(self.kernel.passive_variables)
         values[:, passive_variables] = wrap(values[:, passive_variables])
+        # The template is another configuration of the same mode. Its input, its variables
+        # and its closure residual are replaced, and its other fields are kept.
         row = replace(
             self.row_template,
             inputs=np.array([[q]]),

@@ -24,10 +24,11 @@ def page(
     input_pair: str | Sequence[str] | None = None,
     crossings: Crossings = "end",
 ) -> Exported:
-    """Write a mechanism as one HTML file that any browser opens and moves.
+    """Write an interactive drawing of a mechanism as one HTML file for any browser.
 
-    It needs no network and no installation: the page computes all assembly modes by the
-    exported formulas while its reader turns the sphere, drags the inputs and changes sizes.
+    The reader of the page can turn the sphere, move the inputs and change sizes. The page
+    then computes all assembly modes (ways to assemble the mechanism) anew, with formulas
+    that the file contains. It needs no network and no installation.
 
     Parameters
     ----------
@@ -36,8 +37,9 @@ def page(
     path
         The file, ``*.html``.
     vary
-        Keys of the file, such as ``"links.2.arc"``, that have sliders; by default all arcs
-        and angles of links, or the axes of a reference pose.
+        Keys of the file, such as ``"links.2.arc"``, that have sliders. By default these are
+        all arcs and angles of links, or the axes of the reference pose if the file
+        describes the mechanism by a pose.
     quantities
         Names of quantities that have curves over the input, or patterns of such names. The
         module `spherekit.velocities.row_quantities` forms the names. By default they are

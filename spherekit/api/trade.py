@@ -21,7 +21,7 @@ trade = with_signature_of(measurement.trade, _trade)
 
 
 def _draw_chart(result: Trade, tolerance: float | None, columns: Columns) -> "Figure":
-    """Return the chart of time against error, with a tolerance marked."""
+    """Return the chart of run time against error, with a tolerance marked."""
     from spherekit.display.figures.contents import plan_figures
     from spherekit.runs.trade_chart import scene
 

@@ -224,8 +224,8 @@ def execute(options: Namespace) -> int:
         )
     if options.poles and not is_at_inputs:
         raise AnalysisError(
-            "--poles computes bounds of the poles at given input values, but no values are "
-            "given; give them with --at Q"
+            "--poles computes proven bounds of the pole axes at given input values, but no "
+            "values are given; give them with --at Q"
         )
     if options.clear_of and (is_at_inputs or input_count > 1):
         raise AnalysisError(
@@ -434,7 +434,7 @@ def _decimal_text(option: str, text: str, unit: "AngleUnit") -> str:
     from spherekit.files.angle_units import read_decimal_angle
     from spherekit.quantity import QuantityError
 
-    with suppress(InvalidOperation):  # raised by the comparison for NaN
+    with suppress(InvalidOperation):  # `<=` raises this error if the number is NaN
         try:
             number = read_decimal_angle(text, unit)
         except QuantityError as problem:
@@ -740,8 +740,9 @@ def _crossing_sentences(curves: "CertifiedCurves") -> Iterator[str]:
     A configuration curve shows the angles of the mechanism over the input. Near a crossing,
     the curves are the contour f = 0 of a function f with a saddle point. If f is zero at
     the saddle point, the curves cross. Otherwise they miss each other by a small gap.
-    `level_sign` is the sign of f at the saddle point, or None if a crossing is neither
-    proven nor excluded. Crossings outside the range of the input are omitted.
+    For each saddle, `level_sign` is the sign of f at the saddle point, or None if a
+    crossing is neither proven nor excluded. `gap` is an upper bound of the gap. Crossings
+    outside the range of the input are omitted.
     """
     for saddle in curves.saddles:
         # The centre of the saddle has an angle for each variable. One of them is the input.

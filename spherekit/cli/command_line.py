@@ -174,8 +174,7 @@ class CommandParser(CommandLineParser):
     def import_command(self) -> None:
         """Import the module of this subcommand, and add its arguments and examples.
 
-        The constructor does not do this, so that the program starts quickly: it imports
-        only the modules of subcommands in use. Further calls have no effect.
+        Further calls have no effect.
         """
         if self._has_arguments:
             return

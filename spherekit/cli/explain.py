@@ -112,6 +112,8 @@ def execute(options: Namespace) -> int:
         print_json(description)
     else:
         report = _make_report(description, len(study.mechanism.links), options.recording)
+        # The next step is the command ``run`` with the same words, without the options
+        # that only ``explain`` has.
         words = [word for word in options.words[1:] if not _is_explain_option(word)]
         command = shlex.join(["spherekit", "run", *words])
         report.next_steps = [(command, "compute this")]

@@ -65,9 +65,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         help=(
             "format of the file. c, cpp, js, python, julia, casadi: source code of all "
             "formulas; latex: formulas for papers; model: a reduced model, which stores "
-            "the functions of the motion and of the dynamics as series of the inputs (.npz "
-            "or source code); mjcf: a MuJoCo model; coupling: a table of passive angles "
-            "over the inputs, for controllers (.csv, .npz or .h)"
+            "pair variables, inertia and poles as Chebyshev series (.npz or source code); "
+            "mjcf: a MuJoCo model; coupling: a table of passive angles on a grid of "
+            "inputs, for controllers (.csv, .npz or .h)"
         ),
     )
     parser.add_argument(
@@ -83,8 +83,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         help=(
             "only for source code and latex: quantities to compute, as names or "
             "patterns such as theta_* (default: angles, velocity and acceleration "
-            "coefficients of links, transmission angles, inertia, its derivative and "
-            "driving torque)"
+            "coefficients of links, transmission angles, inertia, its derivative with "
+            "respect to the input, and driving torque)"
         ),
     )
     parser.add_argument(
@@ -100,8 +100,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--assembly-mode",
         metavar="N-or-NAME",
         help=(
-            "number or name of the assembly mode (default: 0; for source code and with "
-            "--to coupling: all)"
+            "number or name of the assembly mode (default: all for source code and with "
+            "--to coupling, otherwise 0)"
         ),
     )
     parser.add_argument(
@@ -109,8 +109,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("end", "pass"),
         help=(
             "only for source code: how an assembly mode continues where two curves of "
-            "configurations cross: end = the mode keeps the signs of its dyads (default); "
-            "pass = the mode follows its smooth curve, on which a dyad changes its sign"
+            "configurations cross. A dyad (two links) can be assembled in two ways, and "
+            "its sign selects one of them. end = the mode keeps the signs of its dyads and "
+            "leaves its smooth curve (default); pass = the mode follows its smooth curve, "
+            "on which the sign of a dyad changes"
         ),
     )
     parser.add_argument(

@@ -45,10 +45,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 def execute(options: Namespace) -> int:
     """Execute ``spherekit import``: write a mechanism file from a MuJoCo model or URDF.
 
-    In a spherical mechanism all axes meet in one point. In a model they may miss this point
-    by up to `options.within` (m); None stands for the default. By default the new file gets
-    the name of the model. Its links, pairs and inputs are printed. Returns the exit status
-    0.
+    In a spherical mechanism all axes meet in one point. The axes of a model may pass this
+    point at a distance of up to `options.within` (m); None stands for the default. By
+    default the new file gets the name of the model. Its links, pairs and inputs are
+    printed. Returns the exit status 0.
     """
     from spherekit.errors import OutputError
     from spherekit.exchange.mechanism_import import import_mechanism

@@ -200,7 +200,8 @@ def ends_at_dead_centre(overview: Any, entry: Any) -> bool:
 
     A dead centre is a singularity of type II, beyond which the mode cannot be assembled. It
     is usually between two samples. Ranges of angles end at the last sample before the dead
-    centre, so the true ranges may be larger. A note then says so.
+    centre, so the true ranges may be larger. Printed widths of ranges then begin with
+    ``>=``.
 
     Parameters
     ----------
@@ -298,8 +299,9 @@ def _transmission_cells(
 
     The transmission angle of a dyad (two links joined by a pair) is 0 at a dead centre. The
     cells are the angle (deg), the pair (joint) at which it is measured, and the place of
-    the sample with this angle. `place_text` says whether a place is an input or a time. All
-    cells are "-" for an output without a transmission angle.
+    the sample with this angle. The place is a time if `place_text.kind` is "time",
+    otherwise the inputs. The table has the cell of the pair only with `has_pair_column`.
+    All cells are "-" for an output without a transmission angle.
     """
     if transmission is None:
         return ["-"] * (3 if has_pair_column else 2)

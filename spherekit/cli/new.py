@@ -195,6 +195,8 @@ def _check_name(kind: str, name: str) -> None:
         return
     if name in analysis_names():
         raise OutputError(f"an analysis {name} is installed already; choose another name")
+    # The module of the analysis imports names from spherekit.plugin. A class with one of
+    # these names would replace the imported object.
     class_name = _class_name(name)
     if keyword.iskeyword(class_name) or hasattr(plugin, class_name):
         raise OutputError(

@@ -46,8 +46,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="KEY",
         help=(
             "numbers of the mechanism file that the page lets you change with a slider, "
-            "such as links.2.arc (default: all arcs and angles of links; if the file has "
-            "a reference pose instead, its axes)"
+            "such as links.2.arc (default: all arcs and angles of links, or, if the file "
+            "describes the mechanism by a reference pose, the axes of this pose)"
         ),
     )
     parser.add_argument(
@@ -68,9 +68,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--crossings",
         choices=("end", "pass"),
         help=(
-            "what happens to an assembly mode where two curves of configurations cross: "
-            "end = the mode keeps the signs of its dyads (default); pass = the mode "
-            "follows its smooth curve, on which a dyad changes its sign"
+            "how an assembly mode continues where two curves of configurations cross. A "
+            "dyad (two links) can be assembled in two ways, and its sign selects one of "
+            "them. end = the mode keeps the signs of its dyads and leaves its smooth curve "
+            "(default); pass = the mode follows its smooth curve, on which the sign of a "
+            "dyad changes"
         ),
     )
 
@@ -98,6 +100,7 @@ def execute(options: Namespace) -> int:
         # its dyads ("end"), or follows its smooth curve ("pass").
         crossings=options.crossings or "end",
     )
+    # The file and options of this mechanism, for a command that the summary suggests.
     same_mechanism = shlex.join([file, *mechanism_options(options)])
     ScreenReport(
         f"{Path(file).stem}: page for browsers",

@@ -34,10 +34,11 @@ class PlaceText:
     """
 
     def __init__(self, overview: Any) -> None:
-        """Store what a place of the motion is in a run, and the mean distance of samples.
+        """Store by which quantity a run states places, and the mean distance of samples.
 
-        A place is the value of the input, the time, or the number of a sample. Messages use
-        it to say where something happens.
+        A place is a point of the motion. Messages use it to say where something happens.
+        Depending on the run, they state the value of the input, the time, or the number of
+        a sample.
 
         Parameters
         ----------

@@ -36,8 +36,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Declare the arguments of `spherekit plan`.
 
     This command prints a table of all poles (instantaneous axes of relative rotation of two
-    links). It says in which pass of the construction each pole is found. With ``--steps``
-    it also prints how each pole is constructed.
+    links). It says in which pass of the construction each pole is found. A pass finds all
+    poles that follow from poles of earlier passes. With ``--steps`` the command also prints
+    how each pole is constructed.
     """
     add_lock_argument(parser)
     file_argument = parser.add_argument(
@@ -114,7 +115,9 @@ def execute(options: Namespace) -> int:
             run_words = ["spherekit", "run", options.file]
             for locked_pair in options.lock or []:
                 run_words += ["--lock", locked_pair]
-            # With several inputs, a plan moves one of them, but a run drives all of them.
+            # With one input, `--input` names the pair that is driven instead, and the run
+            # drives the same pair. With several inputs, it only chooses which of them moves
+            # in the plan. The run drives all of them, so it does not get the option.
             if options.input and not input_plan.locked:
                 run_words += ["--input", options.input]
             run = shlex.join(run_words)
@@ -239,7 +242,8 @@ def _legend(plan: "Plan") -> list[str]:
 
     Poles are constructed in passes. Pass 0 takes the poles that are known from the pairs
     (joints). The poles of a later pass follow from those of earlier passes, and have the
-    number of their pass as a Roman numeral.
+    number of their pass as a Roman numeral. A pole of two links in sliding contact lies in
+    their contact plane, which contains the normal of both curves at the point of contact.
     """
     from spherekit.planning.pole_plan import PRIMARY_MARK, PrimaryPole, table_cells
 

@@ -477,7 +477,7 @@ def _check_options(study: "Study", options: Namespace) -> None:
     recording = "a recording; make one with --save, --serve, --connect or --view"
     # Without --format the tables are Parquet files. Option `--prove` needs such files.
     formats = FORMAT_CHOICES.get(options.format)
-    parquet = "Parquet files; give -o DIR without --format csv"
+    parquet = "Parquet files; leave out --format csv"
     writes_parquet = formats is None or not all(is_csv(name) for name in formats)
     # Each rule: what the option needs, whether the user wrote it, its name, a hint.
     rules = [
@@ -552,8 +552,8 @@ def _setting_for_tolerance(
     is_simulation = study.start is not None
     if options.tol is None and options.trade:
         raise AnalysisError(
-            "--trade needs a tolerance, for which it chooses the settings; give it with "
-            "--tol T"
+            "--trade chooses the settings of the run for a tolerance, but none is given; "
+            "give it with --tol T"
         )
     if options.trade and is_simulation and options.engine != "auto":
         raise AnalysisError(

@@ -107,9 +107,9 @@ class RunOutput:
     words
         The words of the command line after ``spherekit``.
     mechanism_options
-        The options that choose the inputs, lock pairs and say what happens where
-        configuration curves cross. Suggested commands repeat them, so that they analyse the
-        same mechanism.
+        The options that choose the inputs, lock pairs, and say how an assembly mode
+        continues where two curves of configurations cross. Suggested commands repeat them,
+        so that they analyse the same mechanism.
     folder
         The folder of the results. None if no tables were written.
     file_names
@@ -688,8 +688,8 @@ def _table_warnings(summary: Any) -> Lines:
     """Return lines that say why rows in tables of analyses have no result.
 
     The status of a row is OK, or the reason why it has no result. There is a line for each
-    table and reason. Rows of the motion have their warnings elsewhere, so a status that
-    occurs there is not repeated.
+    table and reason. Rows of the motion have statuses too, and `_row_warnings` explains
+    these. Such a status is not explained again here.
 
     Parameters
     ----------
@@ -854,14 +854,16 @@ def _largest_excesses(overview: Any) -> dict[str, float]:
     The largest excess of each quantity, by its key in `TABLE_QUANTITIES`. Quantities are
     left out if no excess would change a printed digit.
     """
-    # The value is the unit of rates: "rad/s" for speeds, and "" for velocity ratios.
+    # The entry "ratio" of the overview is a unit: "rad/s" if the overview has speeds, "" if
+    # it has velocity ratios.
     unit_of_rates = overview["ratio"]
     has_speeds = unit_of_rates == "rad/s"
     largest: dict[str, float] = {}
     for mode in overview["modes"].values():
         for motion in mode["outputs"]:
             for key, excess, last_digit in _table_excesses(motion, has_speeds):
-                # If a mode ends at a dead centre, velocity ratios grow without bound there.
+                # A mode that does not close at all samples may end at a dead centre. Its
+                # velocity ratios grow without bound there, so no excess is stated.
                 if key == "ratio" and not mode["closes_everywhere"]:
                     continue
                 # A smaller excess would not change the printed number.

@@ -139,9 +139,9 @@ def _describe_type_2(summary: Any) -> _Statement:
     modes_at_singularity: list[int] = []
     nearest_samples: list[_NearestSample] = []
     for number, entry in overview["modes"].items():
-        # "closes" has the ranges of samples in which the mode exists. At samples with the
-        # status OUT_OF_REACH the links cannot be assembled. Before such a sample the mode
-        # ends where it meets another mode, which is a singularity of type II.
+        # "closes" has the ranges of samples at which the links can be assembled in this
+        # mode. At samples with the status OUT_OF_REACH they cannot. Between both kinds of
+        # samples the mode ends where it meets another mode, at a singularity of type II.
         if entry["closes"] and "OUT_OF_REACH" in entry["statuses"]:
             modes_that_end.append(int(number))
         if "AT_SINGULARITY" in entry["statuses"]:
@@ -280,6 +280,7 @@ def _list_nearest_samples(mode: int, entry: Any) -> Iterator[_NearestSample]:
     """
     has_measure = False
     for motion in entry["outputs"]:
+        # Both are None if the output has no measure.
         measure = motion["least_transmission_measure"]
         inputs = motion["inputs_of_least_measure_rad"]
         if measure and inputs:

@@ -115,8 +115,8 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         metavar="[PAIR=]EXPR",
         action="append",
         help=(
-            "driving torque in N m at an input, for a simulation (--start); an input "
-            "without a torque turns freely"
+            "for a simulation (--start): driving torque in N m at an input, as an "
+            "expression such as 21=-0.1*dtheta_21; an input without a torque turns freely"
         ),
     )
     # The samples divide the duration into equal time steps.
@@ -133,9 +133,11 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         "--crossings",
         choices=("end", "pass"),
         help=(
-            "what happens to an assembly mode where two curves of configurations cross: "
-            "end = the mode keeps the signs of its dyads, and a simulation ends (default); "
-            "pass = both follow the smooth curve, on which a dyad changes its sign"
+            "what happens to an assembly mode where two curves of configurations cross. A "
+            "dyad (two links) can be assembled in two ways, and its sign selects one of "
+            "them. end = the mode keeps the signs of its dyads and leaves its smooth "
+            "curve, and a simulation ends (default); pass = both follow the smooth curve, "
+            "on which the sign of a dyad changes"
         ),
     )
     parser.add_argument(

@@ -68,8 +68,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         help=(
             "a figure of merit: one number that a reduction (min, max, mean, rms, "
             "range, swing, sum, argmin, argmax, at) computes from the values of an "
-            "expression over the motion, such as swing(theta_41); angles are in rad; "
-            "may be repeated"
+            "expression over the motion, such as max(theta_41). swing is the range of an "
+            "angle that is continued beyond a whole turn; at(theta_41, 40deg) is the value "
+            "at an input of 40 deg. Angles are in rad; may be repeated"
         ),
     )
     parser.add_argument(
@@ -85,9 +86,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="A<B",
         action="append",
         help=(
-            "keep only designs and assembly modes that meet this condition, such as "
-            "closes>0.99 (the loops close at more than 99 %% of the samples); may be "
-            "repeated"
+            "keep only designs and assembly modes that meet this comparison (<, <=, > or "
+            ">=) of two expressions of columns of the result, such as closes>0.99 (the "
+            "loops close at more than 99 %% of the samples); may be repeated"
         ),
     )
     parser.add_argument(

@@ -78,7 +78,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--save",
         metavar="X.rrd",
         type=Path,
-        help="save the chart of time against error to this file, for the Rerun viewer",
+        help=(
+            "save a chart of all settings, with their run times and errors, to this file, "
+            "for the Rerun viewer"
+        ),
     )
     parser.add_argument(
         "--json",
@@ -227,7 +230,7 @@ def _write_files(result: Any, options: Namespace) -> str:
 
 
 def _write_recording(result: Any, options: Namespace) -> None:
-    """Write the chart of time against error as a recording for the Rerun viewer."""
+    """Write the chart of run time against error as a recording for the Rerun viewer."""
     import numpy as np
 
     from spherekit.display.rerun.recorder import RerunRecorder

@@ -249,7 +249,8 @@ def _cos_end_creases(sectors: Sequence[float], fold_angles: Floats) -> Floats:
     """Return the cosine of the angle between first and last crease of a folded strip.
 
     The strip has m rigid sectors, which are joined by creases (hinges) that meet in one
-    point.
+    point. The caller checks whether two more sectors can connect the first and the last
+    crease.
 
     Parameters
     ----------

@@ -218,8 +218,8 @@ def _await_workers(client: "Client", address: str) -> None:
     while not _has_workers(client, address):
         now = time.monotonic()
         if now >= next_report:
-            # `announce` drops messages about work that is expected to be short. With this
-            # expected time, the message is always printed.
+            # `announce` drops messages about work that is expected to take less than
+            # `REPORT_INTERVAL_S`. With this time itself, no message is dropped.
             expected_seconds = REPORT_INTERVAL_S
             announce(_describe_waiting(address, now - start), expected_seconds)
             next_report = now + WAITING_REPORT_SECONDS

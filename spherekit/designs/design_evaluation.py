@@ -285,13 +285,20 @@ class DesignEvaluator:
 
     @property
     def _has_common_equations(self) -> bool:
-        """Whether all designs have the same equations, in which only numbers differ."""
+        """Whether one kernel with common equations can compute all designs.
+
+        A kernel is a function that evaluates many designs at once. So the equations of all
+        designs must be the same, up to numbers. They must also give the wanted assembly
+        modes (ways to assemble the mechanism). Otherwise the designs are analysed one by
+        one.
+        """
         if self.samples.crossings == "pass":
             # Assembly modes pass crossings of their configuration curves. The signs of
             # dyads change at a crossing, at inputs that differ from design to design.
             return False
         if self._needs_reference_mode_only:
-            # A kernel does not know which mode of a design has the reference pose.
+            # Only the assembly mode with the reference pose is wanted. A kernel does not
+            # know which of the modes of a design this is.
             return False
         if self._is_over_constrained:
             # There are more closure equations than unknowns. The kernel would not notice
@@ -485,10 +492,10 @@ class DesignEvaluator:
 
         - Impossible designs get a row with the reason.
         - Most designs are computed together by the kernel.
-        - The rest is analysed one by one. For some of them the kernel does not apply,
-          because they have other loads or contacts than the mechanism of the file
+        - The rest is analysed one by one. To some of them the kernel does not apply,
+          because they have other kinds of loads or contacts than the mechanism of the file
           (`OTHER_FORM`). For others a solution of the closure equations is lost while it is
-          tracked.
+          tracked from design to design.
 
         Parameters
         ----------
@@ -572,7 +579,7 @@ class DesignEvaluator:
 
         Returns
         -------
-        The reason by index of each such design.
+        The reason for each impossible design, by the index of the design.
         """
         reasons: dict[int, str] = {}
         scales = self.varied_mechanism.unit_scales
@@ -940,8 +947,8 @@ class DesignEvaluator:
     ) -> Floats:
         """Return multiples of 2 pi that make angles of one design continuous along samples.
 
-        Configurations have angles in (-pi, pi]. Loads such as wound springs depend on whole
-        revolutions, so these are counted here.
+        Configurations have angles in (-pi, pi]. Some loads also depend on the number of
+        whole revolutions, for example a spring that is wound up. So they are counted here.
 
         Parameters
         ----------

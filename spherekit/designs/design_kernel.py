@@ -303,8 +303,8 @@ class RedundantKernel:
         columns
             Names of the quantities to compute.
         """
-        # (columns,) whether the quantity follows from rates. Only such a quantity depends
-        # on the kernel.
+        # (columns,) whether the quantity follows from rates. If so, it is taken from the
+        # kernel with the least error of the rates. Others are the same in every kernel.
         self._follows_from_rates = _find_rate_columns(expressions[0], columns)
         # One kernel is enough for items that solve the same equations.
         distinct_expressions = _select_distinct_choices(expressions)

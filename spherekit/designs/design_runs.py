@@ -171,8 +171,8 @@ class DesignRuns:
         tables
             Whether the caller wants the tables of the runs.
         kernel_evaluator
-            Computes the other figures, which need no run, for many designs at once. None if
-            there are no such figures.
+            Computes the figures of merit that need no run, for many designs at once. They
+            are not in `merits`. None if there are no such figures.
 
         Raises
         ------
@@ -244,8 +244,8 @@ class DesignRuns:
         """Run the analyses of designs, one design after the other.
 
         A design is one choice of the sizes. Some figures of merit (numbers that rate a
-        design) need no run. A kernel (function for many designs at once) computes these
-        first.
+        design) need no run. If there are any, a kernel (function for many designs at once)
+        computes them for all designs before the first run.
 
         Parameters
         ----------
@@ -253,9 +253,10 @@ class DesignRuns:
             (variables, n) values of the design variables, in the units of the mechanism
             file.
         is_needed
-            Function that decides whether a design is run, not called without a kernel. Its
-            arguments are the values (variables,) of the design and the rows from the
-            kernel. By default all designs are run.
+            Function that returns whether a design is run. Its arguments are the values
+            (variables,) of the design, and the table rows of the design with the figures
+            from the kernel. Without a kernel, or without this function, all designs are
+            run.
 
         Yields
         ------
@@ -429,8 +430,8 @@ class DesignRuns:
         """Add the figures of merit from a run to the rows of a design.
 
         A figure of merit is a number that rates a design. A kernel (function for many
-        designs at once) may have computed some figures before. The others come from tables
-        of the run.
+        designs at once) may have computed some figures before. The others come from the
+        result tables of the run, the analysis of this design.
 
         Parameters
         ----------
@@ -449,8 +450,9 @@ class DesignRuns:
         # The keys of `units` are the names of all figures of the run.
         for name in self.units:
             figure_by_mode = figures.get(name, {})
-            # A figure follows from a table of the run. If this table has no column of
-            # modes, there is a single figure for all modes, with the key `NO_TABLE_MODE`.
+            # A figure follows from a result table of the run. If this table has no column
+            # that states the mode of each row, there is a single figure for all modes, with
+            # the key `NO_TABLE_MODE`.
             common_figure = figure_by_mode.get(NO_TABLE_MODE, NAN)
             merits[name] = np.array(
                 [figure_by_mode.get(mode, common_figure) for mode in modes]
@@ -618,11 +620,13 @@ class DesignRuns:
         return rows[names].to_numpy(dtype=float)
 
     def _index_of_input(self, merit: FigureOfMerit, rows: "pd.DataFrame") -> int:
-        """Return the index of the input whose value is the figure of merit.
+        """Return the index of the input whose values are passed to the reduction.
 
-        The reductions "argmin" and "argmax" return the input at which an expression is
-        smallest or largest. With several inputs the user names the pair of one input, which
-        is stored as `place`. In all other cases the index is 0.
+        The index counts the columns of inputs in the table (`_input_columns`). The
+        reductions "argmin" and "argmax" return the value of an input where an expression is
+        smallest or largest. With several inputs the user names the driven pair of this
+        input, which is stored as `place`. If the table has only one column of inputs, and
+        for other reductions, the index is 0.
 
         Raises
         ------
@@ -757,7 +761,8 @@ def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Uni
         )
     if merit.place not in ("", *study.mechanism.input_pairs):
         raise DesignError(
-            f"{merit.name}: {merit.place} is not driven. Driven pairs: "
+            f"{merit.name}: the second argument of {merit.reduction} has to name a driven "
+            f"pair, found {merit.place}. Driven pairs: "
             f"{listing(study.mechanism.input_pairs)}"
         )
     (chosen,) = (candidate for candidate in analyses if candidate.name == analysis)
@@ -768,7 +773,7 @@ def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Uni
     }
     if table not in tables:
         raise DesignError(
-            f'{merit.name}: {analysis} has no table "{table}"'
+            f'{merit.name}: the analysis {analysis} has no table "{table}"'
             f"{choices(table, tables, 'Its tables')}"
         )
     columns = tables[table].columns

@@ -282,8 +282,8 @@ class DesignSpace:
             # point is in its middle.
             shape = [len(variation.values or ()) for variation in self.variations]
             points = np.empty((variable_count, stop - start))
-            # The last variable changes from design to design. `np.unravel_index` does the
-            # same, but for at most 64 variables.
+            # The index of the last variable changes fastest. `np.unravel_index` gives the
+            # same indices, but for at most 64 variables.
             quotients = np.arange(start, stop)
             for k in reversed(range(variable_count)):
                 quotients, indices = np.divmod(quotients, shape[k])
@@ -297,7 +297,7 @@ class DesignSpace:
                 sobol.fast_forward(start)
             with warnings.catch_warnings():
                 # SciPy warns that points are less evenly spread if their number is not a
-                # power of 2. For parts this cannot be avoided.
+                # power of 2. The points here are one part of all, and can have any number.
                 warnings.simplefilter("ignore", UserWarning)
                 points = sobol.random(stop - start).T
         elif self.scheme == "latin":

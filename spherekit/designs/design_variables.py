@@ -315,7 +315,7 @@ def check_variables(document: Document, variables: Sequence[DesignVariable]) -> 
         if variable.path in key_by_path:
             raise DesignError(
                 f"{document.name}: {variable.key} and {key_by_path[variable.path]} are the "
-                "same number; vary it once"
+                "same number; leave out one of them"
             )
         key_by_path[variable.path] = variable.key
 

@@ -26,8 +26,9 @@ from spherekit.symbolic.parsed_expressions import convert_to_graph
 class FigureValues:
     """Figures of merit of a design in one assembly mode, with their derivatives.
 
-    A figure of merit is a number that rates a design (choice of sizes). An assembly mode is
-    one way to assemble the mechanism.
+    A figure of merit is a number that rates a design (choice of sizes). It reduces the
+    values of an expression at samples of the motion to one number, such as their maximum
+    (the reduction ``"max"``). An assembly mode is one way to assemble the mechanism.
 
     Attributes
     ----------
@@ -36,8 +37,8 @@ class FigureValues:
         configurations in this mode cannot be computed.
     gradients
         (figures, variables) derivatives with respect to the design variables, each variable
-        in the unit in which the mechanism file states it. NaN for reductions that return an
-        input, such as ``"argmin"``.
+        in the unit in which the mechanism file states it. NaN if the figure is an input,
+        such as the input at which the expression is least (the reduction ``"argmin"``).
     closing_fraction
         Fraction of the samples of the inputs at which the mechanism can be assembled in
         this mode.

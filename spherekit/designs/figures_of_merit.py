@@ -178,8 +178,9 @@ class DesignSamples:
         """Return samples at values of the inputs that a study lists (a path).
 
         A path has neither rates nor times, but figures of merit (numbers that rate a
-        design) may contain them. By convention, all inputs have the rate 1 rad/s. The time
-        is the first input (rad), less its value at time zero, divided by 1 rad/s.
+        design) may contain them. By convention, all inputs increase at the rate 1 rad/s.
+        The time is the first input (rad), less its value at time zero, divided by 1 rad/s.
+        `_inputs_at_time_zero_of_path` states at which inputs the time is zero.
 
         Parameters
         ----------
@@ -549,11 +550,15 @@ class KernelFigures:
     def _samples_at_points(self) -> Floats:
         """Return further samples for figures of merit that are evaluated at certain inputs.
 
-        A figure of merit (number that rates a design) such as "at(theta_41, 0.5)" states
-        its input, the point. Its expression may contain rates and the time, which are not
-        stated. By convention the rate of each input (rad/s) is the sign (1, -1 or 0) of its
-        rate at the first sample. The time is that of the first sample, plus the change of
-        the first input since then, divided by its rate (0 if the rate is 0).
+        A figure of merit (number that rates a design) such as "at(theta_41, 0.5)" states a
+        point: a value of each input. Its expression may also contain rates, accelerations
+        and the time, which the point does not state. These are a convention:
+
+        - The rate of each input (rad/s) is the sign (1, -1 or 0) of its rate at the first
+          sample. Accelerations are 0.
+        - The time is that of the first sample, plus the time that the first input takes
+          from there to the point. This time is its change divided by its rate, or 0 if the
+          rate is 0.
 
         Returns
         -------
@@ -576,11 +581,14 @@ class KernelFigures:
         return rows
 
     def _take_motion_of_laws(self, mechanism: Mechanism) -> None:
-        """Give the points the rates, accelerations and times of samples of time laws.
+        """Give the points the motion that the time laws of the inputs state there.
 
-        If not exactly one sample has the inputs of a point, the point keeps the rates of
-        `_samples_at_points`. A `DesignError` is then raised if a figure at the point
-        depends on the motion.
+        A figure of merit (number that rates a design) can be evaluated at a point: a value
+        of each input. If exactly one sample has these inputs, the point gets the rates,
+        accelerations and time of this sample. Otherwise the motion at the point is not
+        known, and the point keeps the values of `_samples_at_points`, which are a
+        convention. A `DesignError` is raised if a figure at such a point depends on the
+        motion.
         """
         count = len(self.inputs)
         motion_names = self.sample_names[count:]
@@ -613,14 +621,15 @@ class KernelFigures:
         count = len(self.inputs)
         for merit in self.merits:
             # "at(theta_41, 0.5, 0.2)" is the value of theta_41 at the inputs 0.5 and 0.2,
-            # which are `merit.point`. "argmin(theta_41, 21)" is the value of the input 21,
-            # `merit.place`, at which theta_41 is smallest.
+            # which are `merit.point`. "argmin(theta_41, 21)" is the value of the input at
+            # pair 21 for which theta_41 is smallest. `merit.place` is the name "21".
             fault = ""
             if merit.point and len(merit.point) != count:
                 fault = (
-                    f'the reduction "at" needs the values of {counted(count, "input")} '
-                    f"({listing(self.inputs)}), but {len(merit.point)} "
-                    f"{'was' if len(merit.point) == 1 else 'were'} given"
+                    f'the reduction "at" needs {counted(count, "value")}, one for each '
+                    f"driven pair ({listing(self.inputs)}), but {len(merit.point)} "
+                    f"{'was' if len(merit.point) == 1 else 'were'} given; write "
+                    f"at({', '.join([merit.expression, *['Q'] * count])})"
                 )
             elif (
                 REDUCTION_BY_NAME[merit.reduction].returns_input
@@ -633,7 +642,10 @@ class KernelFigures:
                     f"{merit.reduction}({merit.expression}, {self.inputs[0]})"
                 )
             elif merit.place not in ("", *self.inputs):
-                fault = f"{merit.place} is not driven. Driven pairs: {listing(self.inputs)}"
+                fault = (
+                    f"the second argument of {merit.reduction} has to name a driven pair, "
+                    f"found {merit.place}. Driven pairs: {listing(self.inputs)}"
+                )
             # The reduction "swing" adds up the changes of an angle from sample to sample.
             # Samples of a grid have no order.
             if merit.reduction == "swing" and len(self.samples.shape) > 1:

@@ -257,8 +257,9 @@ class DesignPaths:
         """Return the loop-closure equations at one point of each of some paths.
 
         Along a path, the sizes of a mechanism change linearly from one design to another.
-        `profiles` are the curves along which links touch, or None if there are no contacts
-        or only circles.
+        The equations also depend on the contact profiles, the curves along which links
+        touch. `profiles` gives the numbers that describe these curves. It is None if there
+        are no contacts or only circles.
 
         Parameters
         ----------

@@ -20,10 +20,11 @@ different accuracy is listed twice.
 def is_same_linkage(mechanism: Mechanism, other_mechanism: Mechanism) -> bool:
     """Return whether two mechanisms are the same linkage, or mirror images.
 
-    The links are compared by the directions of their axes. An axis has two opposite
-    directions, and which one a file states does not matter. So all choices of directions
-    (signs) are tried. Reversing all axes gives the mirror image. Outputs, zero angles,
-    masses and loads are not compared.
+    A synthesis uses the result to list an optimum only once if several descents find it.
+    Two links are equal if a rotation leads from the axes of one to those of the other. An
+    axis has two opposite directions, and which one a file states does not matter. So all
+    choices of directions (signs) are tried. Reversing all axes gives the mirror image.
+    Outputs, zero angles, masses and loads are not compared.
 
     Parameters
     ----------
@@ -76,6 +77,9 @@ def _axes_of_link(mechanism: Mechanism, link: str) -> Floats:
 
 def _are_congruent(signed_axes: Floats, other_axes: Floats) -> Bools:
     """Return a mask of the choices of signs with which axes can be rotated to other axes.
+
+    An axis has two opposite directions, so its unit vector can be stated with either sign.
+    `is_same_linkage` keeps the choices that are true in this mask for every link.
 
     A rotation exists if all angles between axes are equal, and all triple products of axes.
     Mirror images have equal angles, but triple products of opposite sign.

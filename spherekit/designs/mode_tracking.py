@@ -471,9 +471,9 @@ def _track_along_detour(
     inputs
         Two arrays (inputs, 1): inputs (rad) at the start and at the end of all paths.
     detour_ratio
-        Deviation of the inputs from the straight path half-way between start and end,
-        divided by 1j times their change. Along the path the deviation is a parabola that is
-        zero at start and end.
+        Height of the detour relative to the change of the inputs. Half-way between start
+        and end, the inputs deviate from the straight path by 1j * detour_ratio times their
+        change. Along the path the deviation is a parabola that is zero at start and end.
 
     Returns
     -------

@@ -106,10 +106,10 @@ def complex_function(
     )
 
     def evaluate(values: Array, real_numbers: Floats) -> Array:
-        """Return the values of complex expressions, computed by a function of real numbers.
+        """Return the values of the expressions at complex values of the variables.
 
-        The real function takes real and imaginary parts of the variables as separate
-        arguments.
+        The compiled function has real arguments only, so it takes the real and imaginary
+        parts of the variables as separate arguments. It returns the parts of the results.
 
         Parameters
         ----------

@@ -120,10 +120,11 @@ class DesignProfiles:
     def interpolate_to(self, deviations: Floats) -> ProfileColumns:
         """Return a function for the profiles of designs that lie between two designs.
 
-        A profile is the curve along which a link touches another link. In a tolerance
-        analysis, each draw is one set of random deviations from this design. A
-        configuration of this design is followed to each draw along a path of designs, by
-        Newton's method. The method needs the profiles of the designs on the path.
+        A profile is the curve along which a link touches another link. The second design is
+        called a draw here. In a tolerance analysis, a draw differs from this design by
+        random deviations. The sizes change step by step from this design to the draw, which
+        gives a path of designs. At each step, Newton's method computes the configuration of
+        the next design on the path, and needs the profiles of this design.
 
         Parameters
         ----------
@@ -255,14 +256,18 @@ class DesignProfiles:
         """Return how the starts of rolling profiles change with design variable k.
 
         A profile is the curve along which a link touches another link. Its start is the arc
-        length of the contact point where the pair variable is 0. The file has no reference
-        pose. It states the start, or angles of two shafts from which the start follows.
+        length of the contact point where the pair variable is 0. Here the file has no
+        reference pose. It states the start, or the angles of the shafts of two wheels (the
+        key ``phase``) from which the start follows.
 
-        The start itself may jump by a circumference between two designs. Therefore the
-        point p of the profile at the start is differentiated. With the variable v, the
-        start s and the unit tangent t,
+        The start s may jump by a circumference between two designs, but the point p of the
+        profile at the start does not jump. Therefore p is differentiated by comparing
+        designs. It changes with the design variable v because the curve changes, and
+        because the start moves along the unit tangent t of the curve:
 
-            dp/dv = partial p/partial v at constant s + t ds/dv.
+            dp/dv = (partial p/partial v at constant s) + t ds/dv.
+
+        The scalar product of this equation with t gives the result ds/dv.
 
         Returns
         -------
@@ -272,7 +277,8 @@ class DesignProfiles:
         slopes = self._number_slopes[k]
         if slopes is None:
             return {}
-        # The last numbers are the points (3 each) at the starts of all profiles.
+        # `slopes` are the derivatives of the numbers of `_all_profile_numbers`. These end
+        # with the points (3 each) at the starts of all profiles.
         point_slopes = slopes[-3 * len(self.profiles) :].reshape(-1, 3)
         rates: dict[int, float] = {}
         for first_index in self._rolling_contacts:
@@ -280,6 +286,8 @@ class DesignProfiles:
                 frame = _contact_frame(self.profiles[index])
                 point_rate = point_slopes[index]
                 curve_derivative = self._curve_derivatives[k].get(index)
+                # The change of the curve at constant arc length. Of its columns, 3 to 5 are
+                # the point.
                 if curve_derivative is not None:
                     columns = curve_derivative(np.array([frame.arc_length]))
                     point_rate = point_rate - columns[3:6, 0]
@@ -354,9 +362,12 @@ class DesignProfiles:
     def _differentiate_numbers(self, k: int) -> Floats:
         """Return derivatives of the numbers of profiles with respect to design variable k.
 
-        A profile is a contact curve, which numbers such as a radius define. The derivatives
-        are difference quotients with `PROFILE_DIFFERENCE_STEPS`. The numbers of a changed
-        design are read from the changed file.
+        A profile is a contact curve, which numbers such as a radius define. From the
+        derivatives of the numbers, `_differentiate_curves` derives those of the curves.
+
+        The derivatives are difference quotients. For these, the variable is changed by one
+        of `PROFILE_DIFFERENCE_STEPS`, and the mechanism file with the changed variable is
+        read again.
 
         Raises
         ------

@@ -196,7 +196,7 @@ class Sensitivity:
                 raise DesignError(
                     f'{mechanism.name}: there is no quantity "{name}"'
                     f"{nearest(name, possible) or '.'} Examples: theta_PAIR, rate_PAIR and "
-                    "velocity_coefficient_LINK_OTHER"
+                    "velocity_coefficient_LINK_OTHER, where OTHER is another link"
                 )
 
     def _profile_keys(self) -> Names:
@@ -273,10 +273,13 @@ class Sensitivity:
         """Return the number of the mechanism file that a key names, as a design variable.
 
         Quantities are differentiated with respect to such numbers. Possible are all angles,
-        masses and loads, and the following numbers of contacts between links:
+        masses and loads. Numbers that describe contacts between links are possible in two
+        cases:
 
-        - the numbers of the profiles (contact curves), if some profile is not a circle,
-        - otherwise all numbers of contacts that a linkage with the same motion replaces.
+        - If some profile (contact curve) is not a circle, the numbers of all profiles are
+          possible.
+        - If all profiles are circles, and a linkage without contacts has the same motion,
+          all numbers of the contacts are possible. The linkage then replaces the contacts.
 
         Raises
         ------
@@ -498,6 +501,8 @@ class Sensitivity:
             link_names.update(self._list_links_of_number(path))
         links = frozenset(self.mechanism.link_number[name] for name in link_names)
         if self._needs_masses_or_loads:
+            # Quantities such as the equivalent inertia also depend on the links that have
+            # mass, and on those to which loads refer.
             return links | acting_links(self.mechanism)
         return links
 

@@ -68,8 +68,8 @@ class SizeDeviations:
         if not np.all(is_valid):
             invalid = dict.fromkeys(f"{x:.6g}" for x in deviations[~is_valid])
             raise DesignError(
-                f"deviations: found {listing(invalid)} (in rad or SI units); a deviation "
-                "has to be 0 or a finite positive number"
+                f"deviations: found {listing(invalid)} (in rad, or in the SI unit of the "
+                "size); a deviation has to be 0 or a finite positive number"
             )
         if not np.any(deviations > 0.0):
             raise DesignError("deviations: all are 0; at least one has to be above 0")

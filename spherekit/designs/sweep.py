@@ -180,8 +180,9 @@ class Sweep:
         repeated = [name for k, name in enumerate(names) if name in names[:k]]
         if repeated:
             raise DesignError(
-                f'{self.mechanism.name}: two columns would be called "{repeated[0]}"; give '
-                "the figure of merit another name: NAME=REDUCTION(EXPRESSION)"
+                f"{self.mechanism.name}: two columns of the table of designs would be "
+                f'called "{repeated[0]}"; give the figure of merit another name, as in '
+                "NAME=REDUCTION(EXPRESSION)"
             )
         # Parsing the conditions raises an error if one is faulty.
         _ = self.conditions
@@ -426,7 +427,7 @@ class Sweep:
         """Compute the table of designs by running the analyses of each design.
 
         A figure of merit is a number that rates a design. Some figures need no run. If
-        these figures violate the conditions of the sweep, the design is not run.
+        these figures violate the conditions of the sweep (`where`), the design is not run.
 
         Parameters
         ----------
@@ -437,7 +438,7 @@ class Sweep:
         numbers
             (n,) number of each design.
         store_table
-            Function that stores a table of a run, as for `compute_part`.
+            Function that stores a table of a run, as for `compute_part`, or None.
 
         Returns
         -------
@@ -523,8 +524,8 @@ class Sweep:
         grashof_classes = self.evaluator.grashof_classes(row_designs)
         columns = {"design": numbers[design], **self._variable_columns(row_designs)}
         columns["mode"] = design_table.mode
-        # The tables of runs, in other files, name an assembly mode by its number in the
-        # run. So the number is added here.
+        # `tables` are result tables of the run of each design, in other files. There, an
+        # assembly mode is identified by its number in the run. So the number is added here.
         if self.tables:
             columns[ASSEMBLY] = design_table.merits[ASSEMBLY]
         columns["status"] = design_table.status
@@ -715,7 +716,8 @@ class Sweep:
         """
         path = self.path_of(folder, number)
         make_folder(path.parent)
-        # Number of rows of each table of runs. `store_table` counts them.
+        # A sweep can run analyses for each design. This counter has the number of rows of
+        # each of their result tables. `store_table` counts them.
         row_counts = Counter[str]()
         tables_folder = Path(folder) / TABLES_FOLDER
         # Notes in each file that say to which sweep and part it belongs.

@@ -533,9 +533,10 @@ class _Progress:
     def _need_disk(self) -> None:
         """Raise `OutputError` if the disk has too little room for the missing parts.
 
-        A sweep evaluates many designs of a mechanism, in numbered parts. Only sweeps that
-        store all tables of all runs need much room and are checked. The mean size of the
-        finished parts, of which there is at least one, serves as an estimate.
+        A sweep evaluates many designs of a mechanism, in numbered parts. On request it
+        stores the tables of the run of each design. Only such sweeps need much room and are
+        checked. Each missing part is assumed to be as large as the mean of the finished
+        parts, of which there is at least one.
         """
         if self.sweep.tables:
             total_bytes = self._stored_bytes * self.sweep.part_count / len(self._done_parts)

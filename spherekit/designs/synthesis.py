@@ -150,12 +150,12 @@ class ExploredDesigns:
     Attributes
     ----------
     rows
-        The best n rows of this table, as columns by name. All meet the conditions. The
-        table is computed in parts (groups of designs), and rows are compared within each
-        part. With one objective, the rows of each part with the lowest values are stored.
-        With several objectives, the rows of each part are stored that no row of the same
-        mode dominates. A row dominates another one if none of its objectives is larger and
-        one is smaller.
+        Columns by name, with n rows of this table that meet the conditions. The table is
+        computed in parts (groups of designs). Each part contributes its own best rows,
+        without a comparison with other parts. With one objective, these are a fixed number
+        of rows with the lowest values. With several objectives, these are all rows that no
+        row of the same mode in the part dominates. A row dominates another one if none of
+        its objectives is larger and one is smaller.
     objectives
         (n, k) the values of the k objectives, which are minimised, in these rows.
     feasible_count
@@ -387,9 +387,9 @@ def _choose_starts(
     """Return the best designs of a sweep as starts of local optimisations (descents).
 
     A row of the sweep is one assembly mode (way to assemble the mechanism) of one design. A
-    row near to a better row of the same mode is left out. Finding the modes of rows takes
-    time. So rows are processed in blocks, the best rows first, until there are enough
-    starts.
+    row near to a better row of the same mode is left out. A row has only a label of its
+    mode, and to find the mode with this label can take long. So rows are processed in
+    blocks, the best rows first, until there are enough starts.
 
     Parameters
     ----------
@@ -422,6 +422,7 @@ def _choose_starts(
                 return starts
             if mode is None:
                 continue
+            # `continues_in` tells whether modes of two designs are the same mode.
             is_near = any(
                 max_abs(points[row] - start.x) < MIN_START_DISTANCE
                 and start.mode.continues_in(mode)

@@ -152,8 +152,9 @@ class SynthesisMode:
         These configurations must agree with the configurations of the other mode at all
         inputs at which both modes exist, and there must be such an input.
         """
-        # The origin of a mode is a design with the configurations of the mode. Modes that
-        # are identified by signs have no origin, and their labels are the signs.
+        # The origin of a mode is the design from which the mode is followed, with its
+        # configurations there. Modes that are identified by signs have no origin, and their
+        # labels are the signs.
         if self.origin is None or other_mode.origin is None:
             return self.label == other_mode.label
         # (variables, inputs) configurations. Those that do not exist are NaN.

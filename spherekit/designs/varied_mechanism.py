@@ -521,8 +521,8 @@ class VariedMechanism:
         """Return the factors from the units of the file to rad and SI units, as a matrix.
 
         The arguments of the compiled functions are called sizes. Some sizes are design
-        variables in other units. Each row of the matrix has the derivatives of one of these
-        sizes with respect to all variables.
+        variables, converted from the units of the file. Each row of the matrix has the
+        derivatives of one of these sizes with respect to all variables.
 
         Returns
         -------
@@ -674,8 +674,10 @@ class VariedMechanism:
     def _read_mechanism(self, values: Floats) -> Mechanism:
         """Return the mechanism of a design from the mechanism file with its values.
 
-        If only the numbers of masses and loads are needed from the file, only these are
-        read, which is faster.
+        The caller `_read_numbers` lists the numbers of its contacts, masses and loads. If
+        the mechanism has no equivalent linkage and its masses do not follow from sizes,
+        only the masses and loads are read, which is faster. The result then has the sizes
+        of the original file.
 
         Parameters
         ----------
@@ -684,8 +686,8 @@ class VariedMechanism:
         """
         if self._reads_whole_file:
             return make_design(self.document, self.variables, values)
-        # `ACTIONS` are the tables of masses and loads in the file. The masses and loads do
-        # not depend on the other variables.
+        # `ACTIONS` are the tables of masses and loads in the file. Only variables in these
+        # tables are set: here masses and loads do not depend on the other ones.
         numbers_by_path = {
             variable.path: float(value)
             for variable, value in zip(self.variables, values, strict=True)
@@ -737,22 +739,35 @@ class VariedMechanism:
         return None
 
     def _read_varied_numbers(self, values: Floats) -> Floats:
-        """Return the numbers of contacts, masses and loads that depend on the variables.
+        """Return those numbers of contacts, masses and loads that the variables change.
 
-        They are read from the file of the design with the variables `values` (variables,).
+        The numbers describe one design, and are arguments of the kernel, a function that
+        computes many designs at once. They are read from the mechanism file, after the
+        design variables in it are set to `values`.
+
+        Trial designs have shown which numbers the variables change (`varied_numbers`). In
+        the kernel all other numbers are constants. So the kernel applies only to designs
+        whose other numbers are the same as in the original file.
+
+        Parameters
+        ----------
+        values
+            (variables,) values of the design variables, in the units of the file.
 
         Raises
         ------
+        _OtherFormError
+            If the kernel does not apply to the design.
         SpherekitError
-            If the design is impossible, or if a number that was found to be constant
-            differs from the number in the file. The compiled functions do not apply to such
-            a design.
+            If the design is impossible.
         """
         numbers = self._read_numbers(values)
         differences = numbers - self._nominal_numbers
-        # An Euler angle of pi can also be read as -pi.
+        # The first numbers describe contacts. An angle of pi can also be read as -pi, which
+        # is no difference.
         contact_count = self._contact_number_count
         differences[:contact_count] = wrap(differences[:contact_count])
+        # Numbers that are constants in the kernel must not differ.
         differences = np.delete(differences, self.varied_numbers)
         if not np.all(np.abs(differences) <= SAME_NUMBER):
             raise _OtherFormError(OTHER_FORM)
@@ -788,9 +803,11 @@ class VariedMechanism:
     def _find_constant_slopes(self, k: int) -> Floats | None:
         """Return derivatives of numbers with respect to variable k, None if not constant.
 
-        The numbers describe contacts, masses and loads. Their derivatives are compared
-        between the design of the file and trial designs, in which all variables are changed
-        a little. Constant derivatives need to be computed only once.
+        The numbers (`varied_numbers`) describe contacts, masses and loads. A design is a
+        choice of values of the variables. The values in the mechanism file are the design
+        of the file. In trial designs all these values are changed a little. If the
+        derivatives are the same in all these designs, they are computed only once, and not
+        for each design.
 
         Returns
         -------

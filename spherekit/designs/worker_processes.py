@@ -238,7 +238,8 @@ class _WorkerProcess:
                 "creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
             }
         self._python = os.fsdecode(get_executable() or "")
-        # With either option, modules are not imported from the current folder.
+        # With either option, Python does not search the current folder for modules. There,
+        # a file such as pickle.py would replace the module `pickle` of Python.
         import_flag = "-I" if sys.flags.isolated else "-P"
         command = [self._python, import_flag, "-c", WORKER_PROGRAM]
         try:
@@ -366,7 +367,7 @@ class _Crew:
         sweep_message
             The pickled sweep, and the path of the folder in which parts are written.
         waiting_parts
-            Queue with the numbers of the parts to compute. The crew takes them out.
+            Queue with the numbers of the parts to compute. The threads take them out.
         worker_count
             Number of threads, and of workers that run at the same time.
         """
@@ -374,11 +375,12 @@ class _Crew:
         self._sweep_message = sweep_message
         self._waiting_parts = waiting_parts
         # The threads put the number of each finished part, the report of an ended worker,
-        # or an error into this queue. `events` takes them out.
+        # or an error into this queue. The method `events` takes them out.
         self._events: queue.SimpleQueue[int | _WorkerDeath | BaseException] = (
             queue.SimpleQueue()
         )
-        # The number of parts that are neither finished nor reported as _WorkerDeath.
+        # The number of parts whose event was not taken out yet. It says that the part is
+        # finished, or that its worker ended.
         self._open_parts = waiting_parts.qsize()
         self._must_stop = threading.Event()
         self._running_workers: set[_WorkerProcess] = set()

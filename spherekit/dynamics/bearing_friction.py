@@ -62,12 +62,13 @@ class IndeterminateForces:
     Attributes
     ----------
     centres
-        Names of links with inertia but without a centre of mass.
+        Names of links with inertia for which the file states no centre of mass.
     distances
         Names of contacts whose distance from the centre O of the sphere is not known.
     floating
-        Names of pairs whose bearings would have to let the link slide along the axis. Too
-        many pairs that hold links along their axes are redundant.
+        Names of pairs whose bearings would have to let the link slide along the axis. If
+        more bearings hold links along their axes than equilibrium can determine, their
+        axial forces are not determined.
     enough
         Whether all of this information together would determine all forces. If not, other
         constraints are redundant.
@@ -80,7 +81,10 @@ class IndeterminateForces:
 
     @property
     def wanted(self) -> list[str]:
-        """The information that would determine the forces, as phrases for a message."""
+        """The information that would determine the forces, as phrases for a message.
+
+        The message tells the user what to add to the mechanism file.
+        """
         wanted = []
         if self.centres:
             wanted.append(f"mass and centre of the links {listing(self.centres)}")
@@ -88,13 +92,15 @@ class IndeterminateForces:
             wanted.append(
                 f"the distance of the contacts {listing(self.distances)} from the centre"
             )
-        # Too many bearings that hold links along their axes are redundant. So the message
-        # suggests to state some bearings that let a link slide.
+        # If too many bearings hold links along their axes, equilibrium does not determine
+        # the axial forces. A bearing that lets its link slide has no axial force, so the
+        # message suggests to state such bearings.
         if self.floating:
             wanted.append(
                 f"which bearings of the pairs {listing(self.floating)}, or of others in "
                 "their loops, take no axial force (key axial)"
             )
+        # All information above would still leave some forces undetermined.
         if not self.enough:
             wanted.append("constraints that are not redundant")
         return wanted
@@ -379,8 +385,9 @@ def _check_moments_determined(
 ) -> None:
     """Raise `SolveError` if the moment in the pair with this friction is not determined.
 
-    Redundant constraints can leave the moment undetermined. The moment is also undetermined
-    if `solve_equilibrium` did not find the side on which gear teeth press.
+    The friction is computed from this moment. Redundant constraints can leave the moment
+    undetermined. The moment is also undetermined if `solve_equilibrium` did not find the
+    side on which gear teeth press.
     """
     mechanism = balance.equations.mechanism
     pair_number = mechanism.pair_number[friction.pair]
@@ -389,7 +396,7 @@ def _check_moments_determined(
     is_moment_open = np.any(open_components[:, :MOMENT_COMPONENTS])
     are_tooth_sides_known = np.all(balance.is_settled)
     if is_moment_open or not are_tooth_sides_known:
-        # A load of kind "friction" does not depend on reactions.
+        # The message advises a load of kind "friction", which does not depend on reactions.
         raise SolveError(
             f"{mechanism.name}: loads.{friction.name}: redundant constraints leave the "
             f"reaction of pair {friction.pair} undetermined, and with it the friction "

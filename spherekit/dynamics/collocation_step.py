@@ -66,10 +66,12 @@ class ClosureDeterminantRecord:
     sign: float = 0.0
 
     def include_sizes(self, determinants: Floats) -> "ClosureDeterminantRecord":
-        """Return a record whose largest absolute value includes those of a new step.
+        """Return the record with which the determinants of a new step are compared.
 
-        The sign in the record stays the sign before the step. In the first step it is the
-        sign at the first node.
+        The largest absolute value of the record includes the new determinants. A
+        determinant that is small relative to it is near a crossing. The sign of the record
+        stays the sign before the step. A determinant with the other sign is beyond a
+        crossing. For the first step, the sign is that at the first node.
 
         Parameters
         ----------
@@ -269,8 +271,9 @@ class CollocationStep:
         closure
             The loop-closure equations.
         rates
-            (N, m, variables) rates of the variables with respect to the m coordinates, at
-            the N nodes (times at which the step evaluates the equations).
+            (N, m, variables) rates of the variables per unit rate of each of the m
+            coordinates of the equation of motion, at the N nodes (times at which the step
+            evaluates the equations).
 
         Returns
         -------

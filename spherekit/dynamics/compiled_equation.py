@@ -240,7 +240,8 @@ def _derive_equation(
     """
     if arguments.values is None:
         return derive_single_dof_equation(common_mechanism)
-    # The integrator reports where the inputs of the user no longer determine the motion.
+    # The coordinates can be other pairs than the inputs of the user. The integrator reports
+    # where the user's inputs no longer determine the motion, so it needs their variables.
     mechanism = arguments.mechanism
     input_variables = [mechanism.angles[pair] for pair in mechanism.input_pairs]
     return derive_multi_dof_equation(common_mechanism, arguments.values, input_variables)
@@ -475,7 +476,12 @@ def _make_sticking_test(
     """
 
     def sticks(state: Floats, time: float, parameters: Floats) -> bool:
-        """Return whether the condition moves back to zero with the changed load."""
+        """Return whether the tested switch condition moves back to zero.
+
+        The condition was zero, and its sign was reversed in the parameters. With the load
+        that results from the new sign, the time derivative of the condition may have the
+        opposite sign. The condition then returns to zero at once, and the motion sticks.
+        """
         # The integrator drops the parameters after the last one that occurs in an
         # expression. Zeros take their place. If the sign of this condition was dropped, the
         # result is therefore False: the equation does not contain the sign, so its reversal
@@ -487,6 +493,7 @@ def _make_sticking_test(
         # The signs of all conditions are the last parameters.
         signs = parameters[layout.switch_parameters :]
         outputs = switch_function(inputs)[:, 0]
+        # All conditions come first, then their time derivatives.
         condition_rates = outputs[len(signs) :]
         return bool(condition_rates[index] * signs[index] < 0.0)
 

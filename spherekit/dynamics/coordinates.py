@@ -269,6 +269,8 @@ def _second_derivatives(
 ) -> tuple[Floats, Floats]:
     """Return second derivatives of the variables, and derivatives of angular velocities.
 
+    `_complete_motion` adds both to a motion that is given by m independent coordinates.
+
     Parameters
     ----------
     linearisation
@@ -277,7 +279,8 @@ def _second_derivatives(
         (n, m, variables) derivatives of the pair variables (joint angles) with respect to
         each of m coordinates.
     w
-        (n, m, links, 3) angular velocities of the links per unit rate of each coordinate.
+        (n, m, links, 3) at [:, i] the angular velocities of the links while coordinate i
+        has the rate 1 and the others rest.
     closing_inverse
         (n, variables, equations) matrices that solve the differentiated closure equations
         for the second derivatives, see `_differentiate_rates`.
@@ -374,10 +377,13 @@ def determinacy(rates: Floats) -> Floats:
 def reciprocal_condition(closure: Closure, values: Floats, freedom_count: int = 1) -> float:
     """Return the reciprocal condition number of the loop-closure equations.
 
-    The number is 0 where curves of configurations cross. With V variables and m degrees of
-    freedom, V - m of the equations are independent. The result is singular value number
-    V - m of their Jacobian, in falling order, divided by the largest one. Redundant
-    equations therefore have no effect.
+    The number is 0 where curves of configurations cross. A simulation uses it to
+    find out whether the motion has reached such a crossing.
+
+    With V variables and m degrees of freedom, V - m of the equations are independent. The
+    singular values of the Jacobian are sorted, the largest first. The result is the value
+    at position V - m, divided by the first one. Redundant equations only add singular
+    values after this position, so they do not make the result zero.
 
     Parameters
     ----------

@@ -179,8 +179,9 @@ def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: flo
 
     The engine is ``"numpy"``, ``"compiled"`` or ``"auto"`` (the faster one). The tolerance
     (rad) applies to the result of a simulation. Its smallest value depends on the engine.
-    For ``"auto"`` this is the smallest value of the compiled engine. A mechanism that only
-    NumPy can simulate is refused later, see `_refuse_tolerance_of_numpy`.
+    For ``"auto"`` this is the smallest value of the compiled engine. If it turns out later
+    that only NumPy can simulate the mechanism, `_refuse_tolerance_of_numpy` compares the
+    tolerance with the smallest value of NumPy.
     """
     if engine not in ENGINE_CHOICES:
         raise SolveError(
@@ -224,8 +225,9 @@ def _simulate_and_compare(
     The more accurate simulation (the reference) has a smaller tolerance for its steps. If
     the error exceeds the user's tolerance, the reference takes the place of the first
     simulation and is compared with a still more accurate one, and so on. This ends when the
-    tolerance can't be reduced any more. Of the last two simulations the less accurate one
-    is returned, because only the error of this simulation is known.
+    error meets the user's tolerance, or when the tolerance of the steps can't be reduced
+    any more. Of the last two simulations the less accurate one is returned, because only
+    the error of this simulation is known.
 
     Parameters
     ----------
@@ -254,7 +256,7 @@ def _simulate_and_compare(
         is_accurate = checked_simulation.missed is None
         if is_accurate or reference_tolerance <= min_step_tolerance:
             return checked_simulation
-        # The reference takes the place of the simulation. Its report says why.
+        # The reference takes the place of the simulation. Its `engine` report says why.
         simulation = _explain_reference(reference, checked_simulation, step_tolerance)
         step_tolerance = reference_tolerance
 

@@ -87,8 +87,8 @@ class Loads:
             components += load_components
             self.load_of_component += [load_index] * len(load_components)
         self.components = tuple(components)
-        # Indices of the components that are friction in proportion to the force in a
-        # bearing or contact, and their coefficients of friction.
+        # Indices of the components whose friction is a coefficient times the load of a
+        # bearing or contact, and these coefficients.
         self.friction_components: list[int] = []
         coefficients: list[float] = []
         for index, component in enumerate(self.components):

@@ -210,8 +210,8 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
         # With several coordinates, one combination of their rates has no inertia.
         coordinate_rates = directions[:, 0]
         raise _make_error_of_free_pairs(mechanism, coordinate_rates @ motion.rates[0])
-    # If links with mass are at rest, rounding errors can still give them small speeds, and
-    # so an inertia up to this limit.
+    # If all links with mass are at rest, the true inertia is 0. Their computed speeds have
+    # rounding errors, which can cause a computed inertia up to this limit.
     rounding_inertia = _inertia_by_rounding(mechanism, motion)
     has_inertia = smallest > rounding_inertia  # False if `smallest` is NaN
     if not has_inertia:

@@ -488,7 +488,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
     is_singular = _find_singular_rows(motion, coordinates)
     status[(status == Status.OK) & is_singular] = Status.AT_SINGULARITY
 
-    # First the torques without friction of bearings.
+    # First the torques without friction of bearings. `balancing` explains `rows`.
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     solution = balancing(mechanism, rows, timing, coordinates, status)
     loads = Loads(mechanism)
@@ -511,7 +511,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
             carried=friction.carried,
         )
         solution = replace(solution, rounds=friction.iterations)
-    # Values, rates and frames are NaN in rows without rates.
+    # Rows that failed or are at a singularity get NaN for values, rates and frames.
     for array in (solution.values, coordinates.rates, coordinates.frames):
         array[status != Status.OK] = np.nan
     return solution
@@ -520,24 +520,28 @@ def needed_torques(motion: Motion) -> InverseSolution:
 def _find_singular_rows(motion: Motion, coordinates: CoordinateMotion) -> Bools:
     """Return at which rows (n,) the rates of the inputs do not determine all other rates.
 
-    A row is one sample in one assembly mode (way to assemble the mechanism).
+    A row is one sample in one assembly mode (way to assemble the mechanism). The caller
+    marks these rows as singular, and returns no torques there.
 
     Parameters
     ----------
     motion
         The motion.
     coordinates
-        The same motion, with the derivatives of all variables for the inputs.
+        The same motion. Its coordinates are the inputs: `rates` has the rates of all
+        variables per unit rate of each input.
     """
     mechanism = motion.mechanism
     # A row with NaN in its rates is singular, too.
     is_singular = ~(determinacy(coordinates.rates) >= SINGULAR_INPUT_DETERMINACY)
     has_configuration = ~motion.failed
     # If assembly modes nearly meet at a row, the derivatives depend on rounding errors of
-    # the configuration. The evaluation of poles (axes of relative rotation) finds such
-    # rows. Each input in turn is the only one that moves. No poles are asked for.
+    # the configuration. The evaluation of poles (axes of relative rotation) recognises such
+    # rows. Only this finding is needed, so the list of requested poles is empty. Each input
+    # in turn is the only one that moves.
     for name in mechanism.names_of(motion.assembly.inputs):
-        # Mobility follows from the rank of the velocity equations, not from counting.
+        # With `by_rank`, the degrees of freedom follow from the rank of the velocity
+        # equations. Counting links and pairs can give too few of them.
         pole_request = request(mechanism, name, (), by_rank=True)
         field = evaluate_unsigned(motion.rows(has_configuration), pole_request)
         # `is_decimal` marks rows so near a singularity that float64 numbers do not

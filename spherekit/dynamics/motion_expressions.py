@@ -95,13 +95,14 @@ class EquationLayout:
         ]
         # Numbers of parameters in each group, in the order of the groups.
         first_numbers = _number_consecutively(
-            # Whole turns by which each variable is reduced.
+            # The state has each variable without whole turns. Loads such as springs need
+            # the full angle, so the number of turns of each variable is a parameter.
             turns=self.variable_count,
             # Momenta are divided by this unit, so that their numbers are near 1.
             momentum_unit=1,
             inverse_momentum_unit=1,
-            # The independence of the loop-closure equations is 0 where they are dependent.
-            # At this small limit an integration ends.
+            # The loop-closure equations have a measure of independence, which is 0 where
+            # they are dependent. An integration ends where it falls below this small limit.
             min_independence=1,
             # Lower and upper value of each joint limit.
             joint_limits=2 * len(mechanism.joint_limits),
@@ -132,7 +133,7 @@ class EquationLayout:
 
     @property
     def turn_symbols(self) -> list[ExpressionNode]:
-        """Symbols of the whole turns by which the variables are reduced."""
+        """Symbols of the numbers of whole turns that are taken off the variables."""
         return [parameter_symbol(variable) for variable in range(self.variable_count)]
 
     @property

@@ -131,11 +131,13 @@ def _derive_independence(
 ) -> Expr:
     """Return a measure of the independence of the loop-closure equations as an expression.
 
-    The measure is zero where these equations depend on each other, so that a simulation can
-    end there. The measure is the determinant of the equations, divided by its value at the
-    configuration `values`. A measure far above 1 would make steps less accurate: the
-    integrator heyoka compares errors with the largest of the state and of all event
-    functions.
+    The equations are those of velocities, J v' = 0, with the rates v' of all variables. The
+    measure is zero where they depend on each other. An event ends a simulation where the
+    measure falls below a limit.
+
+    The measure is det(J J^T), divided by its value at the configuration `values`. A measure
+    far above 1 would make steps less accurate: the integrator heyoka compares errors with
+    the largest of the state and of all event functions.
 
     Parameters
     ----------
@@ -152,7 +154,7 @@ def _derive_independence(
     The measure.
     """
     closure_determinant = _derive_closure_determinant(coordinate_rates, layout.freedoms)
-    # A constant determinant has no zeros, so its size does not matter.
+    # A constant determinant has no zeros. It is not scaled.
     if not has_variables(closure_determinant):
         return closure_determinant
     evaluate = array_function([closure_determinant], layout.variables)

@@ -535,18 +535,23 @@ class Collocation:
     def _evaluate_dynamics(self, t: Floats, states: Floats) -> StateDynamics:
         """Return motion and forces at times (n,) and states (n, states).
 
-        Simulations may pass crossings of curves of configurations. Near a crossing,
-        slightly open loops change the rates of the variables by large amounts. The loops
-        are then closed first.
+        A state has the pair variables (rad), then the momenta of the coordinates, then the
+        works of the loads. Callers compute the rates of the states, or those of single
+        quantities, from the result.
+
+        A simulation may pass crossings of curves of configurations. Near a crossing,
+        slightly open loops change the rates of the variables by large amounts. In such a
+        simulation the loops are therefore closed first.
         """
         equation = self.equation
         variables = self.equation.variable_count
         if self.problem.passes_crossings and all_finite(states):
             closed = equation.project(states[:, :variables])
             states = np.concatenate([closed, states[:, variables:]], axis=1)
-        # The weights define the coordinates: the rate of coordinate i is row i @ rates of
-        # the pair variables. Loads may depend on the whole turns (rad) that the states
-        # leave out.
+        # `rate_weights` says to which coordinates the momenta belong, see
+        # `_prepare_next_step`. At the start, whole turns were subtracted from the
+        # variables. Loads such as springs may depend on these turns, so they are passed as
+        # `turn_angles` (rad).
         return equation.evaluate(t, states, self.rate_weights, self.problem.turn_angles)
 
     def _close(self, state: Floats) -> Floats:
@@ -862,12 +867,21 @@ class Collocation:
         return self._is_true_crossing(step, crossing_time)
 
     def _is_true_crossing(self, step: CollocationStep, t: float) -> bool:
-        """Return whether two sets of configurations truly cross at a time (s) of a step.
+        """Return whether two sets of configurations truly cross at a time of a step.
 
-        The sets may also come near each other without crossing. A step that changes from
-        one set to the other then passes points at which the loops are open and the closure
-        equations are regular. At a true crossing, the loops are closed and the closure
-        equations are singular.
+        A set of configurations is a curve, or a surface if there are several degrees of
+        freedom. In the step, the closure determinant changes its sign. Either the motion
+        passes a crossing of two sets, where the loops are closed and the closure equations
+        are singular. Or two sets only come near each other, and the step has changed from
+        one to the other. Between them it passes points at which the loops are open and the
+        closure equations are regular. The caller rejects a step of this second kind.
+
+        Parameters
+        ----------
+        step
+            The step.
+        t
+            The time (s) at which the determinant is zero.
         """
         equation = self.equation
         values = step.evaluate_state(np.array([t]))[0, : equation.variable_count]
@@ -1082,10 +1096,11 @@ class StepAttempt:
     step
         The step, which may be rejected.
     error
-        Error relative to the tolerance; at most 1 if the step can be accepted. The error is
-        infinite in three cases: the iteration failed, there are no rates at a node (time at
-        which the equations are evaluated), or a load changes abruptly between two nodes,
-        where the polynomial of the step does not follow it.
+        Error relative to the tolerance; at most 1 if the step can be accepted. Nodes are
+        the times at which the equations are evaluated. The error is infinite in three
+        cases: the iteration failed, the rates at a node cannot be computed, or a load
+        changes abruptly between two nodes. The polynomial of the step cannot follow an
+        abrupt change.
     iterations
         Number of iterations.
     dynamics

@@ -286,11 +286,13 @@ class StoredModel:
         Parameters
         ----------
         q, dq
-            Coordinates (rad) and their rates (rad/s) at one or more points: (m,) or (n, m)
-            over a box, (...) along a curve.
+            Coordinates (rad) and their rates (rad/s) at one or more points. A model of one
+            coordinate is along a curve: a point is a number, and an array (...) is many
+            points. A model of m inputs is over a box of their ranges: a point has the shape
+            (m,), and an array (n, m) is many points.
         torques
-            Torques T (N m) at the coordinates, with the shape of `q` (or (1,) for one point
-            along a curve).
+            Torques T (N m) at the coordinates, with the shape of `q`. For one point along a
+            curve, the shape (1,) is also possible.
         t
             Time (s), for loads that depend on time.
 
@@ -370,7 +372,8 @@ class StoredModel:
     def rate(self, name: str, x: Coordinate) -> Coordinate:
         """Return the velocity coefficient of a pole along a curve of configurations.
 
-        A pole is the axis about which two links rotate relative to each other. The velocity
+        The curve consists of the configurations of a mechanism with one coordinate, x. A
+        pole is the axis about which two links rotate relative to each other. The velocity
         coefficient is the angular velocity about the pole, per unit rate of the coordinate
         x. The coefficient times the unit vector of the pole is the angular velocity of the
         first link relative to the second, per unit rate of x.
@@ -759,8 +762,9 @@ class StoredModel:
         SolveError
             If the inputs have another shape, or the single point is outside the domain.
         """
+        # The heading describes the model; its entry `by` has the names of the m
+        # coordinates.
         heading = self.heading
-        # `by` has the names of the m coordinates.
         m = len(heading.by)
         if inputs.ndim not in (1, 2) or inputs.shape[-1] != m:
             raise SolveError(
@@ -895,13 +899,24 @@ class StoredModel:
         return evaluate_on_curve
 
     def _indices_in_group(self, names: Iterable[str]) -> list[int]:
-        """Return the indices of functions within their group.
+        """Return the indices of stored functions within the group to which they belong.
+
+        The functions of the motion are one group, and those of each pole (axis of the
+        relative rotation of two links) are another. The functions of a group share one
+        series, which returns the values of all of them. The indices select the wanted
+        values.
+
+        Parameters
+        ----------
+        names
+            Names of the functions.
 
         Raises
         ------
         SolveError
-            If the functions do not belong to one group.
+            If the functions do not belong to one group, or one of them is not stored.
         """
+        # The index of the group of each function, and its index in the group.
         locations = [self.heading.locate_function(name) for name in names]
         if len({group for group, _ in locations}) > 1:
             raise SolveError(
@@ -958,13 +973,13 @@ class PointRows:
     coordinates
         (n, m) coordinates, rad.
     derivatives
-        Rates and accelerations (n, m) of the coordinates, or none if the functions do not
-        depend on these.
+        Rates and accelerations (n, m) of the coordinates, as far as the requested functions
+        depend on these. The list can be empty.
     t
         (n,) times, s.
     shape
-        The shape (..., m) in which the caller passed the coordinates. The results get the
-        same shape.
+        The shape (..., m) of the points before they were put in rows, with n points in the
+        axes (...). The results get these axes again.
     """
 
     coordinates: Floats
@@ -1011,8 +1026,8 @@ def _construct_model(
         tuple(StoredFunction(**item) for item in group) for group in header["groups"]
     )
     heading = StoredHeading(**fields)
-    # All numbers of the heading must be finite: the ends of the ranges, and the growth of
-    # each variable over a period of a closed curve (`rise`).
+    # All numbers of the heading must be finite: the ends of the ranges, `rise` (how much
+    # each variable grows over one lap of a closed curve), and size and error of functions.
     numbers = [*heading.low, *heading.high, *heading.rise]
     for function in heading.functions:
         numbers += [function.largest, function.error]

@@ -109,8 +109,7 @@ def function_scales(labels: Sequence[FunctionLabel], values: Floats) -> Floats:
     - the largest function of the same kind,
     - the largest inertia, for Christoffel symbols, which are zero if the inertia is
       constant,
-    - the differentiated function, for a derivative, which is zero if the function is
-      constant.
+    - the function itself, for its derivative, which is zero if the function is constant.
 
     Parameters
     ----------

@@ -246,15 +246,18 @@ class StoredHeading:
         return f"d({name})/d{self.by[0]}"
 
     def by_coordinates(self, name: str) -> list[str]:
-        """Return the names under which rates per unit rate of each coordinate are stored.
+        """Return the names of the stored functions that give a velocity by coordinates.
 
-        A model along a curve has a single coordinate. Otherwise the coordinates are the
-        pairs (joints) `by`.
+        For each coordinate the reduced model stores a function: the velocity while this
+        coordinate has the rate 1 and the others rest. The velocity is the sum of these
+        functions times the rates of the coordinates. A model along a curve has a single
+        coordinate. Otherwise the coordinates are the driven pairs (joints), listed in `by`.
 
         Parameters
         ----------
         name
-            A pair variable, whose derivatives are stored, or a velocity.
+            A velocity of a load or a pole, or a pair variable. The velocity of a pair
+            variable is its rate, so the functions are its derivatives.
         """
         is_pair_variable = name in self.variables
         if self.is_curve:
@@ -475,6 +478,7 @@ class StoredHeading:
             If the coordinate is not finite, or beyond the ends of a curve that is not
             periodic.
         """
+        # A curve has one coordinate, so its range has one lower and one upper end.
         (low,) = self.low
         (high,) = self.high
         period = high - low

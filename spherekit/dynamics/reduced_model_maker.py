@@ -180,8 +180,8 @@ def _fit_curve_group(
         tolerance=tolerance,
         scales=scales,
         first_cells=FIRST_CURVE_CELLS,
-        # Where rounding errors limit a function, smaller cells would not help. The larger
-        # error `LOSSY_TOLERANCE` is accepted there.
+        # In some cells rounding errors of a function exceed the tolerance. Smaller cells
+        # would not help, so the larger error `LOSSY_TOLERANCE` is accepted there.
         rounding_tolerance=LOSSY_TOLERANCE,
     )
 

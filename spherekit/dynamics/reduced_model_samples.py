@@ -987,9 +987,10 @@ def _compute_grid_nodes(
 ) -> CoordinateMotion:
     """Return the regular configurations of an assembly mode on a grid of inputs.
 
-    From these nodes, Newton's method later finds configurations at other inputs. An
-    assembly mode is one way to assemble the links. Configurations near singularities are
-    left out, because the functions of a reduced model are steep there.
+    These are the nodes: known configurations from which Newton's method later finds
+    configurations at other inputs. An assembly mode is one way to assemble the links.
+    Configurations near singularities are left out, because the functions of a reduced model
+    are steep there.
 
     Parameters
     ----------
@@ -1005,7 +1006,7 @@ def _compute_grid_nodes(
     Raises
     ------
     SolveError
-        If there is no such configuration.
+        If there is no regular configuration on the grid.
     """
     motion = unwrap_motion(position_analysis.motion(), position_analysis.angle_unwrapping)
     configurations = motion_by_variables(
@@ -1016,7 +1017,7 @@ def _compute_grid_nodes(
     # (n, inputs, inputs, variables) second derivatives, not finite at a singularity.
     is_regular = all_finite(configurations.second, (1, 2, 3))
     # Near a singularity, variables move fast at unit rates of the inputs. `determinacy` is
-    # the reciprocal of the norm of their rates.
+    # the reciprocal of the norm of these rates, so it is small near a singularity.
     is_regular &= determinacy(configurations.rates) >= MIN_DETERMINACY
     if not np.any(is_regular):
         raise SolveError(
@@ -1030,11 +1031,11 @@ def _compute_grid_nodes(
 def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats]:
     """Return the curve of configurations of an assembly mode, and a configuration on it.
 
-    An assembly mode is one way to assemble the mechanism at the same inputs. The first
-    configuration is searched at evenly spaced inputs; it has to be within the joint limits.
-    The curve consists of all configurations that the mechanism with its one input reaches
-    from there. The curve is followed in both senses, until it closes or reaches a joint
-    limit.
+    `CurveSampler` takes the samples of a reduced model from this curve. An assembly mode is
+    one way to assemble the mechanism at the same inputs. The first configuration is
+    searched at evenly spaced inputs; it has to be within the joint limits. The curve
+    consists of all configurations that the mechanism with its one input reaches from there.
+    The curve is followed in both senses, until it closes or reaches a joint limit.
 
     Returns
     -------

@@ -124,7 +124,8 @@ class StatePath:
 def _divide_rows(group_of_row: Indices, max_size: int) -> list[Indices]:
     """Divide rows into blocks of at most `max_size` rows that all belong to one group.
 
-    Rows of one group are evaluated together, here the times in one part of a path.
+    A row is a time, and a group is the times in one part of a path. The rows of a block are
+    evaluated together by the function of this part.
 
     Parameters
     ----------
@@ -367,7 +368,8 @@ class CoordinateMomentumConversion:
         """Return the momenta p = R u of moving configurations, and their time derivatives.
 
         u are the rates of the m coordinates. R is the symmetric root of the inertia matrix,
-        M = R R, so that the kinetic energy u . M u / 2 is p^2 / 2.
+        M = R R, so that the kinetic energy u . M u / 2 is p^2 / 2. The caller,
+        `convert_momenta`, writes the results to the states in place of the rates.
 
         Parameters
         ----------
@@ -382,7 +384,7 @@ class CoordinateMomentumConversion:
             (n, m) p and dp/dt.
         """
         # First and second derivatives of the configurations with respect to the
-        # coordinates, which the weights define.
+        # coordinates. `rate_weights` says which pair variables are the coordinates.
         motion = self.equation.compute_motion(pair_variables, self.rate_weights, order=2)
         mechanism_inertia = inertia(self.equation.mechanism, motion)
         inertia_roots = InertiaRoots.from_inertia(mechanism_inertia.M)

@@ -262,7 +262,8 @@ class Simulation:
 
         A simulation misses its tolerance in two cases:
 
-        - The attribute `error` exceeds the tolerance.
+        - The attribute `error` exceeds the tolerance. It is the largest difference of a
+          pair variable from a simulation with a smaller tolerance.
         - The relative error `checks.momentum` exceeds 1000 times the tolerance, taken as a
           number without unit. Each step of the integration adds an error to the momenta,
           and `checks.momentum` is the largest of these errors.
@@ -273,7 +274,8 @@ class Simulation:
         if self.error is not None and not self.error <= self.tolerance:
             evidence = self._describe_difference(self.error)
         elif not self.checks.momentum <= MAX_MOMENTUM_ERROR_RATIO * self.tolerance:
-            # As a power, users can compare the error with the power of the loads.
+            # The message states the error as a power, which users can compare with the
+            # power of the loads.
             evidence = self._describe_power_error()
         else:
             return None

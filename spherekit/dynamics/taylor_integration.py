@@ -496,6 +496,7 @@ class TaylorIntegration:
             parameters = self._make_parameters(targets[0])
             integrator.start(self.start_state, self.time, parameters)
             for target in targets:
+                # `end` is "time" if the target was reached, otherwise another reason.
                 end = self._integrate_to(integrator, target, targets[-1], progress)
                 if end != "time":
                     break
@@ -682,7 +683,7 @@ class TaylorIntegration:
     def _probe_steps(
         self, integrator: Integrator, steps: Sequence[TaylorStep]
     ) -> "ProbeResult":
-        """Return how many steps agree with the loads, and the longest next step.
+        """Return how many steps agree with the loads, and the longest allowed next step.
 
         A step agrees if its Taylor series satisfies the equation of motion at further times
         within the step. The first step that does not agree has missed a change of a load.
@@ -698,8 +699,8 @@ class TaylorIntegration:
         if not steps:
             return ProbeResult(agreeing_steps=0)
         # Some loads change abruptly where a condition changes its sign. Switch signs are
-        # the signs of these conditions. Each step has its own switch signs; other
-        # parameters are common.
+        # the signs of these conditions. Each step has its own switch signs. All steps have
+        # the other parameters of the equation in common.
         parameters = self._all_parameters(integrator)
         common_parameters = parameters[self.layout.common_slice]
         probe = StepProbe(
@@ -803,7 +804,7 @@ class TaylorIntegration:
     def _make_parameters(self, interval_end: float) -> Floats:
         """Return the parameters of the equation from now to the time `interval_end` (s).
 
-        Parameters are numbers in the compiled equation that are constant during this time,
+        Parameters are numbers in the compiled equation that are constant in this interval,
         such as joint limits and value and slope of torque tables. `EquationLayout` defines
         their order.
         """
@@ -815,8 +816,8 @@ class TaylorIntegration:
         return np.array(
             [
                 *self.turns,  # whole turns that were subtracted from each joint angle
-                # The state has the momenta divided by this unit. The equation contains both
-                # the unit and its reciprocal.
+                # The state has the momenta divided by this unit. The equation multiplies
+                # some terms by the unit and others by its reciprocal.
                 self.momentum_unit,
                 1.0 / self.momentum_unit,
                 self.min_independence,  # below this, closure equations count as dependent

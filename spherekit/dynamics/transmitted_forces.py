@@ -95,7 +95,7 @@ class DrivenState(ArrayRows):
     torques
         (n, inputs) driving torques, N m.
     carried
-        (n, k) loads that k pairs with friction carry, in the order of
+        (n, k) loads on the bearings or contacts of k pairs with friction, in the order of
         `Loads.friction_components`; their friction is proportional to these loads. The load
         of an R pair (revolute joint) is the sum of the sizes of the forces (N) on its
         bearings. The load of a sliding contact is the size of the moment (N m) of its
@@ -171,10 +171,11 @@ class Equilibrium:
         (n, pairs) the known torques of loads and drives at the pairs, N m.
     reactions
         (n, columns) sizes of the reactions, one column per reaction, N m. Forces are
-        multiplied by a length and so become moments.
+        multiplied by `NewtonEuler.length` (the mean distance of contacts from O) and so
+        become moments.
     residual
-        (n,) largest error of an equation, N m. Errors of forces are multiplied by a length
-        and so become moments.
+        (n,) largest error of an equation, N m. Errors of forces are multiplied by the same
+        length.
     """
 
     reaction_wrenches: Floats
@@ -357,8 +358,9 @@ class NewtonEuler:
         - `slides` (n, links), whether a link can be displaced from the centre O, because no
           reactions balance some force on the link.
 
-        Each system has some of the equations and some of the reactions (columns). Its
-        inverse is a block of `_inverse`, which is zero elsewhere.
+        A system is a part of the equations that has no reaction (column) in common with the
+        other parts. Each system is therefore inverted by itself. Its inverse is a block of
+        `_inverse`, which is zero elsewhere.
         """
         n, equation_count, column_count = self.matrix.shape
         self._inverse = np.zeros((n, column_count, equation_count))
@@ -372,7 +374,7 @@ class NewtonEuler:
             block = np.ix_(np.arange(n), reactions, equations)
             self._inverse[block] = inverted.inverse
             self.is_open[:, reactions] = ~inverted.is_determined
-            # Whether there are loads with which no reactions satisfy the equation.
+            # For some loads, no reactions satisfy the equation.
             is_unbalanced[:, equations] = ~inverted.is_always_solvable
         self.slides = self._find_sliding_links(is_unbalanced)
 
@@ -402,22 +404,26 @@ class NewtonEuler:
     def _compute_unit_wrenches(self, tooth_sides: Floats) -> Floats:
         """Return the wrench (n, columns, 6) of each reaction of size 1, in pair axes.
 
-        A wrench is a moment about the centre O of the sphere (components 0 to 2) and a
-        force (3 to 5). A reaction is an unknown of the equations, and a column of their
-        matrix. There are three kinds:
+        The matrix of the equilibrium is assembled from these wrenches. A wrench is a moment
+        about the centre O of the sphere (components 0 to 2) and a force (3 to 5). A
+        reaction is an unknown of the equations, and a column of their matrix. There are
+        three kinds:
 
         - A force through O, which has no moment. Its unit is 1 N m divided by the mean
           distance of contacts from O, so that it is comparable with moments.
-        - A moment about one axis of a pair (joint).
-        - The moment m_y of gear teeth with a pressure angle; see `_unit_tooth_moments`.
+        - A moment about one axis (x, y or z) of a pair (joint).
+        - The moment m_y about axis y that gear teeth with a pressure angle transmit. The
+          teeth also transmit a moment about x that is proportional to m_y
+          (`_unit_tooth_moments`).
 
-        At a contact with a known distance from O, a moment is that of a force at the point
-        of contact, so the wrench has this force.
+        The moment of a contact is caused by a force at its contact point. If the distance
+        of this point from O is known, the force is computed and is part of the wrench.
 
         Parameters
         ----------
         tooth_sides
-            (n, pairs) assumed signs of the moments m_y of teeth with a pressure angle.
+            (n, pairs) assumed signs, +1 or -1, of the moments m_y of teeth with a pressure
+            angle.
         """
         wrenches = np.zeros((len(tooth_sides), len(self.columns), 6))
         moments = wrenches[..., :MOMENT_COMPONENTS]
@@ -507,7 +513,8 @@ class NewtonEuler:
         """
         # (n, reactions, 6) moment and force of each reaction.
         reaction_wrenches = reactions[..., None] * self.unit_wrenches
-        # The matrix (reactions, pairs) has a 1 at the pair of each reaction, otherwise 0.
+        # `_column_to_pair` is a matrix (reactions, pairs). The row of a reaction has a 1 at
+        # the pair of the reaction, otherwise 0.
         return self._column_to_pair.T @ reaction_wrenches
 
 
@@ -562,11 +569,11 @@ def _unit_tooth_moments(pressure_angle: float, sides: Floats) -> Floats:
 
 
 def _contact_forces(moments: Floats, distance: float) -> Floats:
-    """Return the forces (n, 3) at a point of contact that have certain moments about O.
+    """Return the forces (n, 3) at a point of contact that have given moments about O.
 
     Components are in the axes of the contact. The point is on axis z at the distance r from
     O. A force F there has the moment (-r F_y, r F_x, 0), so F_x = m_y / r and
-    F_y = -m_x / r.
+    F_y = -m_x / r. F_z is set to 0, because it has no moment.
 
     Parameters
     ----------
@@ -602,7 +609,7 @@ def _list_equations(mechanism: Mechanism, forces: bool) -> Bools:
     mechanism
         The mechanism.
     forces
-        Whether there are equations of forces at all.
+        Whether the caller solves for forces. If not, only moments have equations.
     """
     has_equation = np.zeros((len(mechanism.links), 6), dtype=bool)
     has_equation[1:, : 6 if forces else MOMENT_COMPONENTS] = True
@@ -694,7 +701,12 @@ def _unknown_force_components(
 
 @dataclass(frozen=True)
 class InvertedEquations:
-    """Least-squares inverse of equations A x = b at n rows, and what this can't solve.
+    """Moore-Penrose inverses of n matrices A, and what equations A x = b determine.
+
+    There is one matrix for each row (sample) of a motion. The unknowns x are reactions of
+    pairs (joints). Each equation states the equilibrium of a link in one component. The two
+    masks tell which reactions are not determined, and on which links a force cannot be
+    balanced.
 
     Attributes
     ----------
@@ -703,7 +715,8 @@ class InvertedEquations:
     is_determined
         (n, unknowns) whether an unknown has the same value in all least-squares solutions.
     is_always_solvable
-        (n, equations) whether x = inverse b satisfies an equation for every right side b.
+        (n, equations) whether the solution x = inverse b satisfies an equation for every
+        right side b.
     """
 
     inverse: Floats
@@ -942,11 +955,12 @@ def velocity_wrenches(
 ) -> Floats:
     """Return the wrenches (n, links, 6) that links need at constant rates, in ground axes.
 
-    A wrench is a moment about the centre O followed by a force: here gyroscopic moments and
+    The caller adds the wrenches that are linear in the accelerations of the coordinates. A
+    wrench is a moment about the centre O followed by a force: here gyroscopic moments and
     centripetal forces. For a link with the angular velocity w and the angular acceleration
-    a, the wrench is L(a) + w x L(w). L is a linear map: L(w) are the angular momentum about
-    O and the momentum of the link. The acceleration a is not zero although the rates of the
-    coordinates are constant.
+    a, the wrench is L(a) + w x L(w). L is a linear map. L(w) consists of the angular
+    momentum about O and the momentum of the link. The acceleration a is not zero although
+    the rates of the coordinates are constant.
 
     Parameters
     ----------
@@ -975,7 +989,8 @@ def _apply_inertia(
 
     I is the inertia tensor of the link about the centre O, m its mass and c its centre of
     mass. If v is the angular velocity, the results are the angular momentum about O and the
-    momentum. If v is the angular acceleration, they are a moment and a force.
+    momentum. If v is the angular acceleration, they are the moment about O and the force
+    that accelerate the link from rest.
 
     Parameters
     ----------

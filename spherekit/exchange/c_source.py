@@ -414,8 +414,9 @@ def _write_function(source: FormulaSource, function: SourceFunction, scalar: str
     """Return the text of a C function with its body.
 
     A function either computes the results of the mechanism, or makes a step of Newton's
-    method. The step improves approximate pair variables (joint angles) in an array, in
-    place. The step returns the closure residual (how far loops are open).
+    method. The argument ``variables`` of a step is an array with approximate pair variables
+    (joint angles). The step overwrites them with improved ones. It returns the closure
+    residual (how far loops are open).
 
     Parameters
     ----------
@@ -435,8 +436,7 @@ def _write_function(source: FormulaSource, function: SourceFunction, scalar: str
     # Copy the results from local variables to the array that the caller reads. Only a step
     # of Newton's method has a closure residual.
     if function.closure_residual:
-        # The array with the pair variables takes the place of the numbers that select a
-        # mode.
+        # `mode_argument` is ``variables`` here: the name of the array that is improved.
         for index, result in enumerate(function.results):
             lines.append(f"    {source.mode_argument}[{index}] = {result};")
         lines.append(f"    return {function.closure_residual};")

@@ -175,10 +175,13 @@ class CouplingTable:
 
     @checked(SolveError)
     def at(self, q: ArrayLike, assembly_mode: int | None = None) -> CouplingValues:
-        """Return the values of the table at inputs.
+        """Return the values of the table at inputs, interpolated between the nodes.
 
-        A cell is the box between neighbouring nodes of the grid. A cell is called sure if
-        the measured error of interpolation in it is within the tolerance of the table.
+        The values are the angles of the passive variables (joint angles that are not
+        driven), their rates per unit rate of each input (coefficients) and so on, see
+        `CouplingValues`. A cell is the box between neighbouring nodes of the grid. A cell
+        is called sure if the measured error of interpolation in it is within the tolerance
+        of the table.
 
         Parameters
         ----------
@@ -198,12 +201,14 @@ class CouplingTable:
 
         Notes
         -----
-        The values at the corners of a cell are extended by their derivatives and averaged.
-        With the multilinear weights W of the corners, the distance d from a corner, and the
-        gradient g and Hessian H there, an angle is the sum of W (f + 2/3 g d + 1/6 d H d),
-        which is exact for cubics. A coefficient is the sum of W (g + 1/2 H d), exact for
-        quadratics (Guessab, Nouisser and Schmeisser, J. Comput. Appl. Math. 196, 2006,
-        162-179). Angles and coefficients are continuous from cell to cell.
+        Each corner of a cell has the angle f of a passive variable, and the gradient g and
+        Hessian H of f with respect to the inputs. The elements of g are the coefficients of
+        the variable. Let d (m,) be the vector from the corner to the point, and W the
+        multilinear weight of the corner. The angle at the point is the sum of
+        W (f + 2/3 g d + 1/6 d H d) over the corners, which is exact for cubics. The
+        coefficients are the sum of W (g + 1/2 H d), which is exact for quadratics (Guessab,
+        Nouisser and Schmeisser, J. Comput. Appl. Math. 196, 2006, 162-179). Angles and
+        coefficients are continuous from cell to cell.
         """
         if assembly_mode is None:
             assembly_mode = self.modes[0]
@@ -309,8 +314,9 @@ class CouplingTable:
 
             f + (2/3) g d + (1/6) d H d,
 
-        and the gradient as g + (1/2) H d. With these factors, the average of the values
-        from all corners of a cell is exact if f is a cubic function.
+        and the gradient as g + (1/2) H d. The caller averages the values from all corners
+        of a cell with multilinear weights. With these factors, the average is exact if f is
+        a cubic function.
 
         The angular velocities of links relative to other links (`turning`) are extrapolated
         like gradients.

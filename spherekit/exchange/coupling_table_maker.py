@@ -504,8 +504,9 @@ def _measure_errors_at_part(
     mode
         Position of the assembly mode (way to assemble the links) in the table.
     part
-        The point, as the number of steps of the refined grid from the first corner of the
-        cell along each input, from 0 to `PARTS_PER_CELL`.
+        The point, as numbers of steps of the refined grid along each input. They are
+        counted from the corner of the cell with the lowest inputs, from 0 to
+        `PARTS_PER_CELL`.
     """
     # (cells, inputs) index of each cell along each input.
     cells = np.indices(tuple(table.count - 1)).reshape(len(refined_counts), -1).T
@@ -602,6 +603,7 @@ def _find_growth_per_revolution(
 def _change_over_range(table: CouplingTable, values: Floats, input_index: int) -> Floats:
     """Return the change of values from the first to the last node of an input.
 
+    If the range is one revolution of the input, the changes show whether the values return.
     The values are on a grid of inputs, with nodes at equal steps of each input.
 
     Parameters

@@ -65,9 +65,10 @@ class Mode(NamedTuple):
     at
         The inputs (rad) of one known configuration of the mode.
     values
-        The numbers that select the mode in the formulas. In closed form they are the signs
-        of the dyads (groups of two links). Otherwise the values are the pair variables
-        (joint angles, rad) of the known configuration, from which Newton's method starts.
+        The numbers that select the mode in the formulas. In closed form they are signs, one
+        for each dyad (group of two links), that choose one of its two positions.
+        Otherwise the values are the pair variables (joint angles, rad) of the known
+        configuration, from which Newton's method starts.
     """
 
     number: int
@@ -193,7 +194,7 @@ class LeftOutMode(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The mode in messages, such as ``1 (+-)``, or ``1`` without a telling title."""
+        """The mode in messages, such as ``1 (+-)``, or ``1`` if the title adds nothing."""
         # A title that is not a name has "+" or "-" for each dyad (group of two links), and
         # "~" for each larger group. A title of "~" alone does not tell modes apart.
         if all(character == "~" for character in self.title):

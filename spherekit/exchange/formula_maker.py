@@ -234,7 +234,8 @@ def _find_configuration_of_mode(
     mechanism
         The mechanism, with its driven pairs.
     assembly_mode
-        The only mode of the formulas, or None for all.
+        Number or name of the mode, if the formulas are for a single mode. None if they are
+        for all modes.
     crossings
         How an assembly mode continues where curves of configurations cross.
 
@@ -506,16 +507,16 @@ def _find_motion_arguments(
 
     - rates and accelerations of the inputs, and the time;
     - whole revolutions (rad, a multiple of 2 pi) of pairs (joints) with a load that depends
-      on the angle, such as a spring. The formulas compute the angle of a pair that is not
-      driven from -pi to pi only, and add its whole revolutions;
-    - torques from tables over time.
+      on the angle, such as a spring. The formulas give the angle of a passive pair (without
+      an input) only in (-pi, pi]. They add the argument to this angle;
+    - torques that loads take from a table over time.
 
     Parameters
     ----------
     design_expressions
-        Expressions of the mechanism.
+        The quantities of the mechanism as expressions, with the symbols in them.
     outputs
-        Expressions of the results.
+        Expressions of the results that the generated functions compute.
     """
     # Sample symbols are the inputs, their rates, their accelerations, and the time.
     inputs = design_expressions.inputs

@@ -240,8 +240,8 @@ class BevelEquation:
     Attributes
     ----------
     equation
-        (hinges,) the same equation in terms of the rates of all hinges: the factors c of
-        the sum c_1 rate_1 + c_2 rate_2 + ... = 0.
+        (hinges,) the factors c of the same equation, written with the rates of all hinges
+        of the mechanism: c_1 rate_1 + c_2 rate_2 + ... = 0.
     links
         Numbers of the two links.
     axes
@@ -265,15 +265,16 @@ class CoaxialEquation:
     """The equation u x + v y = 0 of two links that turn about one axis of a carrier.
 
     Here x and y are the angular velocities (rad/s) of the first and the second link
-    relative to the carrier. Each is the rate of a hinge (revolute joint), up to the sign.
+    relative to the carrier. Each is the rate of a hinge (revolute joint), or minus this
+    rate.
     Two gears with one axis do not touch. An idler wheel, with its axis at right angles to
     the axis of the gears, rolls on both gears, and gives them this equation.
 
     Attributes
     ----------
     equation
-        (hinges,) the same equation in terms of the rates of all hinges: the factors c of
-        the sum c_1 rate_1 + c_2 rate_2 + ... = 0.
+        (hinges,) the factors c of the same equation, written with the rates of all hinges
+        of the mechanism: c_1 rate_1 + c_2 rate_2 + ... = 0.
     links
         Numbers of the two links.
     axis
@@ -296,7 +297,10 @@ class CoaxialEquation:
     def construct_gears(self, idler_link: int) -> tuple[BevelGears, BevelGears]:
         """Return the gears of first link and idler, and the gears of idler and second link.
 
-        The idler is a wheel between the two links, which turn about one axis of a carrier.
+        The two links turn about one axis of a carrier, so their gears do not touch. The
+        idler is a wheel that meshes with both gears. Together the gears give the two links
+        the equation of the couplings.
+
         Let x, z and y be the angular velocities of the first link, the idler and the second
         link relative to the carrier, each about its own axis. The equation u x + v y = 0
         determines the ratio y / x, which is the product of the ratios z / x and y / z of
@@ -404,7 +408,8 @@ def _write_equations(
     """Return the couplings of an imported model as equations between the rates of hinges.
 
     A coupling is a linear equation between the rates of joints. Each coupling becomes a row
-    of a matrix, with a column for each hinge (revolute joint).
+    of a matrix, with a column for each hinge (revolute joint). The caller searches for
+    gears that give the same equations.
 
     Parameters
     ----------
@@ -523,9 +528,12 @@ def _construct_pitch_circle(link: int, axis: Floats, contact_line: Floats) -> Pi
 def _is_line_between(line: Floats, first_centre: Floats, second_centre: Floats) -> bool:
     """Return whether two centres are on opposite sides of a line through the origin.
 
-    Two pitch circles with these centres that touch at the line then touch from outside.
-    The planes from the line to the centres have the normals centre x line. The normals are
-    opposite to each other if the line is between the centres.
+    Two pitch circles (gears) touch at a line from the centre of the sphere. If their
+    centres are on opposite sides of this line, they touch from outside.
+
+    The line and both centres are in one plane. So the cross products centre x line are
+    perpendicular to this plane. They are opposite to each other if the centres are on
+    opposite sides of the line.
 
     Parameters
     ----------
@@ -553,9 +561,10 @@ def _find_bevel_equations(
     All couples of links are tried as gears. A path of hinges (revolute joints) leads from
     the first link to the second. The first hinges of the path must have one common axis,
     and all others a second common axis. The link in between is the carrier. x is the sum of
-    the rates of the first hinges, and y the sum of the others, each rate with the sign of
-    the hinge's sense. The two links are gears if the couplings imply such an equation of x
-    and y.
+    the rates of the first hinges, and y the sum of the others. A rate has the factor -1 if
+    it is counted in the opposite sense: a positive rate turns the next link of the path
+    negatively about the common axis. The two links are gears if the couplings imply such an
+    equation of x and y.
 
     Parameters
     ----------
@@ -587,7 +596,7 @@ def _find_bevel_equations(
             factors=(factors[0], factors[1]),
         )
         # A gear with a pitch circle of zero radius can't roll. The radius is an angle
-        # (rad), and a small angle is about its sine.
+        # (rad). The limit is a sine, which equals a small angle.
         circles = bevel_equation.construct_gears().circles
         if min(circle.radius for circle in circles) > SAME_WHEEL_AXIS_SINE:
             yield bevel_equation

@@ -53,13 +53,18 @@ class ImportedDynamics:
     """
 
     def __init__(self, linkage: ImportedLinkage) -> None:
-        """Begin without tables; `mass_tables` and `load_tables` make them."""
+        """Store the linkage, and find the damping and the armature of each joint.
+
+        Armature is a moment of inertia that MuJoCo adds about a hinge (a rotor).
+        `mass_tables` and `load_tables` later make the tables of the mechanism file.
+        """
         self._linkage = linkage
         self._mj_model = linkage.foreign_model.mj_model
         self._mj_data = linkage.foreign_model.mj_data
-        self.mass_comments: dict[str, str] = {}
+        self.mass_comments: dict[str, str] = {}  # `mass_tables` adds the comments
         # Damping (N m s/rad) and armature (kg m2) by joint. All joints of the model are
-        # hinges. Actuators at a hinge can add to both, with the gear ratio squared.
+        # hinges. An actuator can have damping and armature too. Both act at its hinge,
+        # multiplied by the square of the gear ratio.
         self._damping = self._mj_model.dof_damping.copy()
         self._armature = self._mj_model.dof_armature.copy()
         for actuator in self._list_actuators_at_joints():
@@ -81,8 +86,8 @@ class ImportedDynamics:
         """Return the masses of the moving links, as tables of a mechanism file.
 
         The result has a table for each link with inertia, by the name of the link. The
-        table has the inertia tensor about the centre of the sphere, and mass and centre of
-        mass if the model states them or gravity acts.
+        table has the inertia tensor about the centre of the sphere. `_add_up_bodies` says
+        when it also has the mass and the centre of mass.
 
         The tensor of a link is the sum over its bodies and over rotors. A rotor is a moment
         of inertia that MuJoCo adds about a hinge.
@@ -387,11 +392,14 @@ class ImportedDynamics:
     def _list_actuator_loads(self) -> Iterator[tuple[str, Table]]:
         """Yield the name and table of each load that comes from an actuator.
 
-        The force of an actuator may follow a control signal. At a hinge, such an actuator
-        becomes an input of the mechanism and is no load; elsewhere it is left out. An
-        actuator without control signal is a load if it exerts a torque at a hinge that is
-        linear in angle and rate, or a constant force or moment at a point of a body (a
-        site). Other actuators are left out. The user gets a note on all that is lost.
+        The force of an actuator may follow a control signal. An actuator with a control
+        signal is no load: at a hinge it becomes an input of the mechanism, and elsewhere it
+        is left out. An actuator without control signal is a load in two cases:
+
+        - It exerts a torque at a hinge that is linear in angle and rate.
+        - It exerts a constant force or moment at a point of a body (a site).
+
+        Other actuators are left out. The user gets a note on all that is lost.
         """
         mj_model = self._mj_model
         kinds = self._linkage.foreign_model.mujoco.mjtTrn

@@ -138,7 +138,7 @@ def _write_function(source: FormulaSource, function: SourceFunction) -> str:
     # The name of the residual in the lines of the function, or "" in other functions.
     residual_name = function.closure_residual
     if residual_name:  # the step of Newton's method
-        target = source.mode_argument  # ``variables``
+        target = source.mode_argument  # This is ``variables`` if there is a Newton step.
         returned = residual_name
     else:
         target = "result"
@@ -195,7 +195,8 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
         input_lines = f"  const inputs = {texts.known_inputs};\n"
         returned = "Number.isNaN(q) ? NaN : inputs[interval][k]"
     yield JAVASCRIPT_SMOOTH_MODE_TEMPLATE.format(
-        **source.smooth_mode_fields,  # names of the function and of the array, and sizes
+        # Names of the function and of its array of mode values, and sizes of arrays.
+        **source.smooth_mode_fields,
         starts=texts.interval_starts,  # the q at which intervals begin
         places=texts.mode_values,  # by interval and mode
         inputs=input_lines,

@@ -184,7 +184,8 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
         # Lines that shift q into the range of the input by whole periods.
         moved_template=JULIA_MOVED_INPUT_TEMPLATE,
     )
-    # The written function has the mode values in a variable of this name, such as ``mode``.
+    # What the written function returns: first the variable with the mode values, which is
+    # called ``mode`` in the function above.
     returned = source.mode_argument
     # Without a closed form, `step` has the terms of a step of Newton's method.
     has_closed_form = not source.formulas.step
@@ -196,7 +197,8 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
         returned += ", isnan(q) ? NaN : inputs[interval][k]"
     # The template is the function that is shown above, with these texts inserted.
     yield JULIA_SMOOTH_MODE_TEMPLATE.format(
-        **source.smooth_mode_fields,  # names of the function and of the array, and sizes
+        # Names of the function and of its array of mode values, and sizes of arrays.
+        **source.smooth_mode_fields,
         starts=texts.interval_starts,  # the q at which intervals begin
         places=texts.mode_values,  # by interval and mode
         inputs=input_lines,  # a second table: the input of each known configuration

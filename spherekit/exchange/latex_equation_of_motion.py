@@ -189,7 +189,8 @@ class LatexEquationOfMotion:
 
         The printed list of symbols shows the numbers of the tensor as a matrix. A tensor is
         free if users want to insert other numbers for it. The symbol of a free tensor is
-        also stored in `free_symbols`.
+        also stored in `free_symbols`. From it the export finds free numbers that do not
+        occur in the printed formulas.
         """
         link_label = self._formula_list.link_labels[self._mechanism.link_number[mass.link]]
         is_free = ("mass", mass.link) in self._free_sizes
@@ -287,14 +288,14 @@ class LatexEquationOfMotion:
             The vector in ground axes. 0.0 stands for the zero vector and is returned
             unchanged.
         mark
-            Text after the index of the symbol.
+            LaTeX text after the index: the mark of the moving input, or a prime.
         """
         if vector == 0.0:
             return 0.0
         # The symbols of the axes i, j, k of the link.
         frame = self._positions.link_frames[link]
         if any(axis is vector for axis in frame):
-            # The vector is the symbol of an axis: one component is 1, the others are 0.
+            # The vector is one of these symbols: one component is 1, the others are 0.
             components: list[Expr] = [float(axis is vector) for axis in frame]
         else:
             components = [inner_product(axis, vector) for axis in frame]
@@ -376,6 +377,9 @@ class LatexEquationOfMotion:
     def _write_power(self, component: LoadComponent, input_index: int, label: str) -> Expr:
         """Return the power of a load component of magnitude 1, per unit rate of an input.
 
+        The generalised force of the input is the sum of these powers, each times the
+        magnitude of its component.
+
         A torque at a pair (joint) has the power torque times rate of the pair. A moment M
         on a link has the power M . w with the angular velocity w of the link.
 
@@ -386,7 +390,7 @@ class LatexEquationOfMotion:
         input_index
             The input that moves.
         label
-            Index of the symbols of the component.
+            Number of the component as text. Symbols of its moments have this index.
         """
         power: Expr = 0.0
         if component.pair:

@@ -127,10 +127,10 @@ class FormulaList:
         return make_symbol(name)
 
     def write(self, term: ExpressionNode, *rows: Expr, always: bool = False) -> Expr:
-        """Add the formula of a symbol, unless the symbol would not save space.
+        """Add the formula "symbol = right-hand side", unless the right-hand side is short.
 
-        A right-hand side that is a number, a symbol or the negative of a symbol gets no
-        formula, and is inserted into further formulas.
+        A number, a symbol and the negative of a symbol count as short. They get no formula,
+        because further formulas can contain them directly.
 
         Parameters
         ----------

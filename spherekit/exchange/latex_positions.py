@@ -433,13 +433,14 @@ class PositionFormulas:
             )
 
     def _place_driven_link(self, pair: int, parent: int, child: int) -> None:
-        """Write the frame of a link that an input joins to a link with a known frame.
+        """Add formulas for the frame of a link that an input joins to a placed link.
 
-        At the axis of a pair (joint), each link has a reference arc. The arc leads to the
-        first other axis of the link in the file. The input angle is the angle between the
-        reference arcs of the two links, apart from a constant. The tangent to the reference
-        arc of the child follows from the frame of the parent and the input angle. The axis
-        and this tangent determine the frame of the child.
+        The frame of the placed link is known. At the axis of a pair (joint), each link has
+        a reference arc. The arc leads to the first other axis of the link in the file. The
+        angle between the reference arcs of the two links is the input angle plus the zero
+        angle of the pair, a number of the file. The tangent to the reference arc of the
+        child follows from the frame of the parent and the input angle. The axis and this
+        tangent determine the frame of the child.
 
         Parameters
         ----------
@@ -473,13 +474,15 @@ class PositionFormulas:
     def _find_tangent_of_first_link(self, input_pair: int) -> Expr:
         """Return the tangent t1 to the reference arc of the first link of an input.
 
-        The reference arc of a link leads from the axis of the pair to the first other axis
-        of the link. The second link has a known frame, and t2 is the tangent to its
-        reference arc. z is the direction that t2 has if the input angle is zero. The zero
-        angle of the pair is the constant angle from t1 to z, about the axis of the pair.
+        The caller places the first link by this tangent and the axis of the input pair. The
+        reference arc of a link leads from the axis of the pair to the first other axis of
+        the link. t1 and t2 are the tangents to the arcs of the first and the second link,
+        at the axis of the pair. The second link has a frame that is already written, so t2
+        is known.
 
-        So z is t2 rotated back by the input angle, and t1 is z rotated back by the zero
-        angle.
+        z is the direction that t2 has if the input angle is zero. The zero angle of the
+        pair is the constant angle from t1 to z, about the axis of the pair. So z is t2
+        rotated back by the input angle, and t1 is z rotated back by the zero angle.
         """
         input_rotation = self._make_input_rotation(input_pair)
         _, second_link = self._mechanism.ends[input_pair]
@@ -776,9 +779,10 @@ class PositionFormulas:
     def _write_tangent_to_second_axis(
         self, link: int, tangent: Expr, azimuth: AngleExpression
     ) -> Expr:
-        """Write the axis j of a link: the tangent of the arc from k to its second axis.
+        """Write the formula of the unit vector j of a link frame, and return its symbol.
 
-        k is the first axis of the link. Let t be the known tangent at k of the arc to some
+        k is the first axis of the link. j is the unit tangent, at k, of the arc from k to
+        the second axis of the link. Let t be the known tangent at k of the arc to some
         other axis. The azimuth b is the angle about k from j to t. So j is t rotated about
         k by -b:
 
@@ -795,7 +799,7 @@ class PositionFormulas:
             arc.
         """
         label = self._formula_list.link_labels[link]
-        k = self._axes_by_link[link][0].vector  # of the first axis
+        k = self._axes_by_link[link][0].vector  # the symbol of the first axis
         # The tangent occurs twice, so it gets a symbol, unless the sine is zero.
         if azimuth.sine != 0.0:
             tangent = self._formula_list.write_indexed(r"\mathbf{d}", label, tangent)

@@ -200,7 +200,7 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
     ----------
     node
         The product as an expression, which shows whether factors are equal, or numbers.
-        Only the first factor can be a number.
+        Products are stored with a number first, so only the first factor can be a number.
     arguments
         The two factors of the product as LaTeX.
     """

@@ -186,6 +186,7 @@ class ImportedFile:
                     "radius": round_to_short_degrees(circle.radius),
                 }
             table: Table = {"type": "Cr", "links": [*profiles]}
+            # Without this entry, the circles touch from outside.
             if not bevel_gears.external:
                 table["contact"] = "internal"
             table["profiles"] = profiles

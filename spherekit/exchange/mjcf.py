@@ -383,9 +383,10 @@ class MujocoModel:
     def _add_custom_numbers(self, custom: Element) -> None:
         """Add numbers that only a later import by `spherekit import` reads.
 
-        These numbers are the ranges of inputs (rad), and the joint angles (rad) of hinges
-        that close loops, in the exported configuration. A text says whether the export has
-        invented the masses.
+        The numbers are the ranges of the inputs (rad), and the joint angles (rad) of the
+        hinges that close loops. The angles are those of the exported configuration. If the
+        mechanism states no masses, the export invents some. A text then says so, and an
+        import does not take these masses for stated ones.
 
         Parameters
         ----------
@@ -593,8 +594,8 @@ class MujocoModel:
             Elements of the model to which they are added.
         """
         # MuJoCo reads negative numbers of `solref` as stiffness and damping. A critically
-        # damped correction with the rate r (1/s) has r^2 and 2 r. `LOOP_IMPEDANCE` is the
-        # largest impedance that MuJoCo accepts.
+        # damped correction with the rate r (1/s) has the stiffness r^2 and the damping 2 r.
+        # `LOOP_IMPEDANCE` is the largest impedance that MuJoCo accepts.
         rate = CORRECTION_PER_STEP / self._timestep
         stiffness: Attributes = {
             "solref": (-(rate**2), -2.0 * rate),

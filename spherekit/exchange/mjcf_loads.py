@@ -177,7 +177,7 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
       of the ground. Without ``refsite`` the axes of ``site`` are used;
     - ``gear``: (6,) the vector of the force, then the vector of the moment. The name is
       MuJoCo's;
-    - ``biasprm``: three factors b. The magnitude, by which ``gear`` is multiplied, is
+    - ``biasprm``: three numbers b. MuJoCo multiplies ``gear`` by the magnitude
       b[0] + b[1] length + b[2] rate. At a joint the length is its angle.
 
     The names of sites are chosen later. Until then, ``site`` and ``refsite`` have the name
@@ -226,6 +226,8 @@ def _find_constant(component: LoadComponent) -> float:
 def _find_torque_factors(component: LoadComponent, pair: str) -> Floats:
     """Return the factors of a torque c0 + c1 theta + c2 dtheta at a pair.
 
+    They become the parameter `biasprm` of a MuJoCo actuator that exerts the torque.
+
     Parameters
     ----------
     component
@@ -241,7 +243,7 @@ def _find_torque_factors(component: LoadComponent, pair: str) -> Floats:
     Raises
     ------
     EngineError
-        If the torque is another function, which MuJoCo cannot express.
+        If the torque is a function of another form. MuJoCo cannot express it.
     """
     variable_names = (f"theta_{pair}", f"dtheta_{pair}")
     law = _require_motion_law(component, variable_names)

@@ -35,8 +35,8 @@ class ModelNames:
         Names of the sites at which forces and moments act, by the loads. Each is on the
         body of the loaded link.
     axes_sites
-        Names of further sites, by the loads. Each is on the ground. MuJoCo reads the
-        components of a force or moment in the axes of this site.
+        Names of further sites, by the loads. Each is fixed to the ground and has its axes.
+        MuJoCo reads the components of the force or moment in the axes of this site.
     load_actuators
         Names of actuators, by the loads that they exert. Actuators of inputs have the names
         of their pairs.
@@ -89,7 +89,8 @@ def name_elements(
         The links that have a second body (twin), by the pair (joint) that moves the twin. A
         weld between the twin and the first body closes the loop through this pair.
     actuator_loads, site_loads
-        Names of the loads that actuators exert, and of the forces and moments among them.
+        Names of all loads that actuators exert, and of those loads among them that act at a
+        site: forces and moments.
     """
     outputs = [output.name for output in mechanism.outputs]
     inputs = mechanism.input_pairs

@@ -316,9 +316,10 @@ def compare_modes(
 def _sample_intervals(crossing_inputs: Floats, low: float, high: float) -> Floats:
     """Return inputs (rad) at which exported formulas are compared with the mechanism.
 
-    At some inputs curves of configurations cross, and divide the range of the input into
-    intervals. The formulas can differ between intervals. The result therefore has inputs
-    within all intervals, and inputs close to each crossing on both sides.
+    The inputs at which curves of configurations cross divide the range of the input into
+    intervals. An assembly mode that passes through a crossing can need other signs in its
+    formulas from there on. The result therefore has inputs within all intervals, and inputs
+    close to each crossing on both sides.
 
     Parameters
     ----------

@@ -57,9 +57,9 @@ class LoopPoint(NamedTuple):
     Attributes
     ----------
     name
-        Name of the constraint.
+        Name of the equality constraint that holds the bodies together.
     bodies
-        Numbers of the two bodies.
+        Numbers of the two bodies in the model.
     point
         (3,) the point in world axes (m).
     """
@@ -335,7 +335,8 @@ class ForeignModel:
         MuJoCo reads ``nan`` and ``inf`` as numbers.
         """
         mj_model = self.mj_model
-        # One row for each body, joint, equality constraint, and joint of a tendon.
+        # One row for each body, joint and equality constraint. A tendon that is a sum of
+        # joint angles has a row for each joint, with the factor of its angle (`wrap_prm`).
         bodies = (
             mj_model.body_pos,
             mj_model.body_quat,
@@ -354,6 +355,7 @@ class ForeignModel:
         for kind, rows in rows_by_kind.items():
             for row in np.flatnonzero(~np.all(np.isfinite(rows), axis=1)).tolist():
                 number = tendon_of_wrap[row] if kind == "tendon" else row
+                # The method of the model with the name `kind` returns one element.
                 name = getattr(mj_model, kind)(number).name or number
                 value = rows[row][~np.isfinite(rows[row])][0]
                 raise FileError(
@@ -507,8 +509,8 @@ class ForeignModel:
         """Store a weld of two bodies, or a common point that closes a loop.
 
         The point is computed in world axes in the present pose, in which loops are closed.
-        `_loop_axes` has the axes of loop joints of a URDF file, by the names of their
-        constraints.
+        If the model is a URDF file, a joint that closes a loop has an axis, see
+        `_loop_axes`. A second common point, on this axis, is then stored too.
 
         Parameters
         ----------
@@ -537,8 +539,8 @@ class ForeignModel:
             return
         self.loop_points.append(LoopPoint(name, bodies, point))
         if name in self._loop_axes:
-            # The loop joint of a URDF has an axis, in the axes of its first link. A second
-            # point of this axis coincides in both bodies as well.
+            # The axis is given in the axes of the first body. A second point of this axis
+            # coincides in both bodies as well.
             second_point = point + rotation @ self._loop_axes[name]
             self.loop_points.append(LoopPoint(name, bodies, second_point))
 

@@ -120,7 +120,7 @@ def _write_function(source: FormulaSource, function: SourceFunction) -> str:
     The further axes of these arrays are samples. The function returns an array with one row
     for each result, in the order of the constant RESULTS.
     """
-    returned = "the RESULTS (results, ...)"
+    returned = "the RESULTS (results, ...)"  # what the docstring says
     residual = ""
     # A function that makes one step of Newton's method returns the pair variables after the
     # step, and the closure residual: how far loops were open before the step.

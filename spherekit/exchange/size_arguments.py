@@ -342,18 +342,20 @@ def _compute_least_effects(
 ) -> Floats:
     """Return the smallest change of each result that cannot be rounding.
 
-    A changed size has an effect only if a result changes by more than this. The rounding
-    error is estimated twice: relative to the size of the result, and from its noise. The
+    The caller changes one size (number of the mechanism file) after another. The size has
+    an effect only if a result changes by more than the smallest change. The rounding error
+    is estimated twice: relative to the magnitude of the result, and from its noise. The
     larger estimate counts.
 
     Parameters
     ----------
     formulas
-        The formulas.
+        The formulas. Formulas without a closed form contain a step of Newton's method,
+        `formulas.step`.
     values_before
-        (r, modes) values of the r results in one configuration of each assembly mode. If
-        there is a step of Newton's method, the variables after it and the closure residual
-        follow as further results.
+        (r, modes) values of the r results before a size changes, in one configuration of
+        each assembly mode. If there is a step of Newton's method, the variables after it
+        and the closure residual follow as further results.
     noise
         (r,) largest change of each result when the last digits of the arguments change.
 
@@ -371,6 +373,7 @@ def _compute_least_effects(
     # effects.
     is_kinematic = [unit in KINEMATIC_UNITS for unit in units]
     min_scale = np.where(is_kinematic, MIN_KINEMATIC_SCALE, 0.0)
+    # `nan_to_num` replaces NaN (a missing result) by 0.
     largest_value = np.max(np.abs(np.nan_to_num(values_before)), axis=1)
     scale = np.maximum(largest_value, min_scale)
     return np.maximum(MIN_RELATIVE_EFFECT * scale, MIN_EFFECT_OVER_NOISE * noise)

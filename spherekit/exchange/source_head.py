@@ -116,12 +116,13 @@ def _mode_lines(source: FormulaSource, position: int, mode: Mode) -> Iterator[st
     The lines state the number, name, mode values and inputs of the mode. Mode values are
     the numbers that select the mode (way to assemble the mechanism): the signs of its dyads
     (two links and three R pairs), or the pair variables (rad) from which Newton's method
-    starts. The inputs belong to one configuration with these values.
+    starts. The inputs are those of one known configuration with these values.
 
     Over the input, the configurations of a mode form a curve. This curve can cross the
     curve of another mode. If the modes continue smoothly (`source.smooth_modes`), a mode
-    has other mode values beyond a crossing. Each part of the curve has a further line, with
-    its mode values and the input of a known configuration.
+    has other mode values beyond a crossing. The crossings divide the curve into pieces.
+    Each piece has a further line, with its first input, its mode values, and the input of a
+    known configuration.
 
     Parameters
     ----------
@@ -185,7 +186,8 @@ def _method_sentences(source: FormulaSource) -> str:
         "assembled."
     )
     # `smooth` has the mode values by intervals of the input, or is None if modes keep their
-    # signs for all inputs. Without dyads there are no signs.
+    # signs for all inputs. In closed form the mode values are the signs, so
+    # `mode_value_names` is empty if there are no dyads.
     keeps_signs = source.formulas.mode_table.smooth is None
     if not keeps_signs or not source.formulas.mode_value_names:
         return method

@@ -27,9 +27,9 @@ class Language:
     assignment_format
         An assignment of the value {1} to the new name {0}.
     table_format
-        A call of a function that evaluates table {k}, and assigns the result to an array. A
-        table consists of several functions of one argument, stored as Chebyshev series. The
-        other fields are:
+        A statement that calls the function of table {k}, and assigns the values to an
+        array. A table consists of several functions of one argument, stored as Chebyshev
+        series. The other fields are:
 
         - {name}: name of the mechanism in the source code, a part of the function's name,
         - {argument}: the expression of the argument,

@@ -45,7 +45,10 @@ class Pack(NamedTuple):
     fault: str = ""
 
     def path(self, name: str) -> Path | None:
-        """Return the file with a name, a mechanism before a study."""
+        """Return the path of the file with a name, or None.
+
+        If a mechanism and a study have this name, the mechanism is returned.
+        """
         return self.files.get(name) or self.studies.get(name)
 
 
@@ -149,8 +152,8 @@ def _pack(entry: EntryPoint) -> Pack:
     """Return the pack (shipped files) that an installed package declares.
 
     A pack is the set of mechanism and study files in the folder of an installed package.
-    The package declares itself by an entry point (name in its metadata). A pack that cannot
-    be used has no files, but states the reason.
+    The package declares itself by an entry point (name in its metadata). If the pack cannot
+    be used, the result has no files, and its `fault` is the reason.
     """
 
     def broken_pack(fault: str) -> Pack:

@@ -176,7 +176,8 @@ def mechanism_from_document(document: Document) -> Mechanism:
         If the values of the file contradict each other. The message has the line and the
         key.
     ModelError
-        In place of `FileError`, if the data come from a program without a text.
+        In place of `FileError`, if a program has passed the data as a mapping, so that
+        there is no text with lines.
     """
     try:
         # Angles are converted to rad, directions to unit vectors.
@@ -184,6 +185,7 @@ def mechanism_from_document(document: Document) -> Mechanism:
         # Actions are masses, loads and joint limits.
         return reader.add_actions(reader.mechanism())
     except ModelError as error:
+        # An error that names no key belongs to the whole file, which has an empty path.
         raise _locate(document, error, ()) from None
 
 
@@ -507,8 +509,9 @@ class _MechanismReader:
                 "the file mixes two ways to state the geometry: "
                 f"{'.'.join(map(str, first))}{self.line_text(first)} belongs to the "
                 f"{first_form}, but this key belongs to the {second_form}. "
-                "Keep either the dimensions (axes, arcs and angles of links, zero of "
-                "pairs) or the reference pose (xyz or lonlat, and value, of pairs)",
+                "Keep either the dimensions (in links: axes, arcs and angles; in pairs: "
+                "zero) or the reference pose (in pairs: value, and one of "
+                f"{', '.join(_POSE_KEYS[:-1])})",
             )
         # A reference pose: the axes of pairs, and the variables of the pairs in the pose.
         if pose_paths:

@@ -28,10 +28,19 @@ _Table = dict[str, Any]
 def dump(mechanism: AnyMechanism, path: AnyPath, angle_unit: AngleUnit = "deg") -> None:
     """Write a mechanism file that reads back as exactly this mechanism.
 
+    Parameters
+    ----------
+    mechanism
+        The mechanism, its name, or its file.
+    path
+        Path of the file to be written.
+    angle_unit
+        Unit of the angles in the file, "deg" or "rad".
+
     Raises
     ------
     OutputError
-        If the file cannot be written there, or the format cannot express the mechanism.
+        If no file can be written at `path`, or the format cannot express the mechanism.
     """
     write_text(path, dumps(mechanism_of(mechanism), angle_unit))
 

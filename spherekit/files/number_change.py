@@ -144,8 +144,9 @@ def number_path(document: Document, key: str) -> KeyPath:
 class ReachedTable:
     """The innermost table of a file to which the parts of a key lead.
 
-    The parts of the key ``links.2.arc``, for example, are "links", "2" and "arc". For a key
-    that names no number, this object tells how far the key leads.
+    The parts of the key ``links.2.arc``, for example, are "links", "2" and "arc". A user
+    can give a key that names no number. The error message then says which part is missing,
+    and which names the table has.
 
     Attributes
     ----------
@@ -231,13 +232,14 @@ class KeyProblem:
 def _explain_other_value(key: str, path_by_key: Mapping[str, KeyPath]) -> KeyProblem:
     """Explain that a key exists but leads to a table, a list or a text.
 
-    The result has the message and a prefix. The caller lists the valid keys that begin with
-    the prefix.
+    An example is ``links.2.arcs``, which leads to the list of the arcs of a link. The
+    result has the message and a prefix. The caller lists the valid keys that begin with the
+    prefix, because the user may have meant one of them.
 
     Parameters
     ----------
     key
-        The key, such as ``links.2.arcs``, which leads to a list.
+        The key.
     path_by_key
         The keys of all numbers of the same element of the file, such as a link, and their
         locations.
@@ -245,8 +247,8 @@ def _explain_other_value(key: str, path_by_key: Mapping[str, KeyPath]) -> KeyPro
     suggestion = nearest(key, path_by_key)  # "; did you mean ...?", or ""
     if not suggestion:
         return KeyProblem(f'the value of "{key}" is not a number.', prefix=key)
-    # The prefix has no final s, so that both keys of the number in a list "links.2.arcs"
-    # are proposed: "links.2.arcs.0" and "links.2.arc".
+    # If the list "links.2.arcs" has only one number, this number has two keys:
+    # "links.2.arcs.0" and "links.2.arc". Without its final s, the prefix fits both.
     prefix = key.removesuffix("s")
     return KeyProblem(f'the value of "{key}" is not a number{suggestion}', prefix)
 

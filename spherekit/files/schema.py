@@ -325,8 +325,9 @@ class SchemaConversion:
     def _convert_single_value(self, part: Any, value: Any, path: KeyPath) -> Any:
         """Return a converted number, text or truth value.
 
-        `part` is the part of the schema that declares the value. In a file, a single value
-        may stand for an array of quantities, such as q = 40 for one input. Such a value is
+        `part` is the part of the schema that declares the value. The schema can declare an
+        array of quantities, such as the values q of all inputs. In a file, a single value
+        may replace such an array, for example q = 40 if there is one input. This value is
         converted like an item of the array, and returned without an array.
         """
         # If the schema declares an array, `item_part` declares its items. Quantities with a

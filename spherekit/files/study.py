@@ -30,9 +30,9 @@ Crossings = Literal["end", "pass"]
 cross."""
 
 START_SYNTAX = (
-    "give q=Q,dq=W, such as q=20deg,dq=1rad/s. Values of several inputs are joined by +, "
-    "such as q=20deg+35deg,dq=1rad/s+0rad/s. A number without a unit is in the unit of "
-    "the mechanism file"
+    "Write q and dq with a comma in between, such as q=20deg,dq=1rad/s. Join the values of "
+    "several inputs by +, such as q=20deg+35deg,dq=1rad/s+0rad/s. A number without a unit "
+    "is in the unit of the mechanism file"
 )
 
 DEFAULT_TOLERANCE = 1e-9
@@ -99,29 +99,30 @@ class Start:
             parts = [part.partition("=") for part in given.split(",")]
             given = {key.strip(): text for key, _, text in parts}
             if len(given) < len(parts):
-                raise ModelError(f"start: a key is given twice; {START_SYNTAX}")
+                raise ModelError(f"start: a key is given twice. {START_SYNTAX}")
         state: dict[str, float | Numbers] = {}
         for key, value in given.items():
             if key not in ("q", "dq"):
-                raise ModelError(f'start: "{key}" is neither q nor dq; {START_SYNTAX}')
+                raise ModelError(f'start: the key "{key}" is neither q nor dq. {START_SYNTAX}')
             dimension = ANGLE if key == "q" else ANGULAR_SPEED
             try:
                 state[key] = _read_numbers(value, dimension, angle_unit)
             except QuantityError as problem:
-                raise ModelError(f"start: {key}: {problem}; {START_SYNTAX}") from None
+                raise ModelError(f"start: {key}: {problem}. {START_SYNTAX}") from None
             except (TypeError, ValueError):
                 raise ModelError(
-                    f'start: {key}: "{value}" is neither a number nor one number for each '
-                    f"input; {START_SYNTAX}"
+                    f'start: {key}: found "{value}", expected a number, or one number for '
+                    f"each input. {START_SYNTAX}"
                 ) from None
         if "q" not in state:
-            raise ModelError(f"start: q is missing; {START_SYNTAX}")
+            raise ModelError(f"start: q is missing. {START_SYNTAX}")
         return Start(**state)
 
     def each(self, inputs: Sequence[str]) -> tuple[Floats, Floats]:
-        """Return the variables and the rates of each input at the start of a simulation.
+        """Return the variables and the rates of all inputs at the start of a simulation.
 
-        The results are the attributes `q` and `dq` as arrays.
+        The attributes `q` and `dq` may be single numbers. The results are arrays with one
+        number for each input, in the order of `inputs`.
 
         Parameters
         ----------
@@ -138,7 +139,8 @@ class Start:
         Raises
         ------
         ModelError
-            If there is not one number for each input.
+            If `q` or `dq` does not have one number for each input. The default rate 0
+            applies to any number of inputs.
         """
         # `q` and `dq` are a single number or a tuple. The default rate, the single number 0
         # (at rest), fits any number of inputs.
@@ -209,7 +211,8 @@ def _read_numbers(
 
     def read_number(number: Any) -> float:
         """Return one number in rad or rad/s, from a number or a text."""
-        # An angle of very many turns is refused in a text only, as a mistake of the user.
+        # An angle of very many turns is refused as a mistake of the user if it is a text.
+        # As a number it is accepted.
         is_text = isinstance(number, str)
         source = number if is_text else float(number)
         return read_quantity(source, dimension, angle_unit, is_limited=is_text)
@@ -299,8 +302,19 @@ class Study:
     locate: Locate | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Convert the start and the path, and raise `AnalysisError` if a value is wrong."""
-        # `check_fields` refuses a mechanism of another type.
+        """Check all fields, and convert some to the types with which the study is run.
+
+        A start that is a text or a mapping becomes a `Start`. NumPy arrays and numbers in
+        `samples` become tuples and numbers of Python. The path becomes a NumPy array.
+
+        Raises
+        ------
+        AnalysisError
+            If a value is wrong.
+        """
+        # A number in a start can be in the unit of the mechanism's file. So the start is
+        # only read if there is a mechanism. `check_fields` refuses a mechanism of another
+        # type.
         has_mechanism = isinstance(self.mechanism, Mechanism)
         if has_mechanism and isinstance(self.start, str | Mapping):
             object.__setattr__(self, "start", read_start(self.start, self.mechanism))

@@ -34,9 +34,11 @@ _COPIED_KEYS = ("assembly_mode", "search", "duration", "tolerance", "crossings",
 
 @checked(FileError)
 def load_study(name_or_path: AnyPath) -> Study:
-    """Read a study file; a mechanism file is read as the study with all defaults.
+    """Read a study file, or a mechanism file as a study with all defaults.
 
-    A study is a mechanism with the analyses to run.
+    A study is a mechanism with the analyses to run and their settings. If the file is a
+    mechanism file, the result is a study of this mechanism in which all settings have their
+    default values.
 
     Raises
     ------
@@ -309,6 +311,8 @@ class _StudyReader:
             return None
         if not output[key].isprintable():
             raise self.document.fault(
-                ("output", key), f"found {output[key]!a}, which cannot be a path"
+                ("output", key),
+                f"found {output[key]!a}, which cannot be a path, because it has "
+                "characters that cannot be printed",
             )
         return Path(output[key])

@@ -139,11 +139,21 @@ class Tabulated:
     def __post_init__(self) -> None:
         store_finite_numbers(self)
         min_rows = 2 if self.rest_at_ends else LAW_SPLINE_DEGREE + 1
-        hint = "" if self.rest_at_ends else ", or 2 with rest_at_ends = true"
+        hint = (
+            ""
+            if self.rest_at_ends
+            else ", or 2 with rest_at_ends = true, for the quintic spline of the law"
+        )
         check_table_rows("", "angles", self.times, self.angles, min_rows, hint)
 
     def at(self, t: ArrayLike) -> States:
-        """Return variable, rate and acceleration at times (s) of any shape.
+        """Return the variable of the input, its rate and acceleration at times (s).
+
+        Parameters
+        ----------
+        t
+            Times of any shape. They must be between the first and the last time of the
+            table of angles.
 
         Raises
         ------

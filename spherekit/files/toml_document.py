@@ -52,11 +52,14 @@ _PARSER_MESSAGE = re.compile(
 _REPEATED_TABLE = re.compile(r"Cannot declare (\(.*\)) twice", re.S)
 
 _SYNTAX_HINTS = (
-    ("^Cannot overwrite", "this key is given twice: remove one of the two"),
+    (
+        "^Cannot overwrite",
+        "this line gives a key that is given already: remove one of the two",
+    ),
     (r"(?<![\w.])\.\d", "a number must start with a digit: write 0.5, not .5"),
     (
         r"\d\.(?!\w)|\d\.[eE][+-]?\d",
-        "a number needs a digit after its decimal point: write 5.0 or 5 instead of 5.",
+        "a number needs a digit after its decimal point: 5. is not allowed, write 5.0 or 5",
     ),
     (r"=\s*(True|False)\b", "true and false are written in small letters"),
     # The unclosed text remains after texts in quotes have been removed.
@@ -153,9 +156,10 @@ class Document:
 def key_path_text(path: KeyPath) -> str:
     """Return a key path as users write it: ``pairs.21.links[0]``.
 
-    A path is a tuple of the keys and indices that lead to a value. Long parts, and parts
-    with other characters than letters, digits, ``_`` and ``-``, are quoted, escaped and
-    shortened.
+    A path is a tuple of the keys and indices that lead to a value. Error messages show the
+    text. A key is shown as it is if it has only letters, digits, ``_`` and ``-``. A key
+    with other characters is put in quotes, with escape sequences. So is a key of more than
+    `MAX_KEY_CHARACTERS`, and the text of a key is cut to this length.
     """
     text = ""
     for part in path:
@@ -183,7 +187,8 @@ def read_pipe(path: Path, max_bytes: int = -1) -> bytes | None:
     path
         The path of a file or a pipe.
     max_bytes
-        Largest number of bytes that the first call reads; -1 for all.
+        Largest number of bytes that the first call reads; -1 for all. It has no effect on
+        the result of later calls.
 
     Raises
     ------
@@ -195,7 +200,7 @@ def read_pipe(path: Path, max_bytes: int = -1) -> bytes | None:
     if not stat.S_ISFIFO(status.st_mode) or not is_shell_path:
         return None
     with path.open("rb") as stream:
-        # At a second call the pipe is empty.
+        # A second call finds the pipe empty, because the first call has read it.
         content = stream.read(max_bytes)
     # The inode number identifies the pipe. `setdefault` returns stored content, if there is
     # some.
@@ -214,8 +219,8 @@ def read_text(path: Path) -> str:
     try:
         if path.is_dir():
             raise FileError(f"{path}: this is a folder; give a file in it")
-        # A pipe of the shell, such as ``/dev/stdin``; None for any other file. One byte
-        # more than allowed is read, so that the excess is noticed.
+        # The content of a pipe that the shell has opened, such as ``/dev/stdin``. None for
+        # any other file. One byte more than allowed is read, so that the excess is noticed.
         data = read_pipe(path, MAX_BYTES + 1)
         if data is not None:
             if len(data) > MAX_BYTES:

@@ -570,14 +570,16 @@ class BorderSegments(ArrayRows):
         margin) is zero. Margins are functions of the direction that are at least 0 in the
         region. If another margin is negative on a part of the segment, this part is outside
         the region and not its border. The chord (great-circle arc between the ends) then
-        replaces the segment. The segment is marked as not sound: its border is not known.
+        replaces the segment. The segment is marked as not sound (`is_sound`), because the
+        border between its ends is not known.
 
         Parameters
         ----------
         evaluate
             The margins.
         selected
-            (k,) indices of segments whose polynomials have degree 4.
+            (k,) indices of the segments that are checked. Their heights above the chord
+            must be polynomials of degree 4, the degree with which `find` creates segments.
         """
         # (k, samples, margins) each margin minus the border margin, at equally spaced
         # points of each segment. The border margin would be 0 on a segment without error.
@@ -755,9 +757,9 @@ def _select_nearby_segments(segments: BorderSegments, direction: Floats) -> Bord
 
     A segment is a piece of the border, its chord the great-circle arc between its ends. Its
     height over the chord is at most `MAX_HEIGHT_RATIO` (0.4) times the length of the chord.
-    Each point of the segment is therefore nearer than this length to one end. So the
-    distance of the point from the direction is at least the distance of the nearer end
-    minus the length. A segment is selected if this limit does not exceed the distance of
+    Each point of the segment is therefore nearer than this length to one end. So its
+    distance from the direction is at least the distance of the nearer end, minus the length
+    of the chord. A segment is selected if this lower bound does not exceed the distance of
     the nearest end of all segments.
 
     Parameters

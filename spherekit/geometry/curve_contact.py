@@ -117,8 +117,9 @@ def _find_starts(curves: tuple[Curve, Curve]) -> Floats:
 
     The frame of a curve on the unit sphere consists of its tangent, its normal and its
     point. Two curves touch where their frames are equal. Both curves are sampled. A pair of
-    samples, one of each curve, is a start if a contact can be next to it. For each sample
-    of the first curve, only local maxima of similarity along the second curve count.
+    samples, one of each curve, is a start if a contact can be next to it. The angle between
+    their frames must then be small. It must also be a local minimum among the samples of
+    the second curve, for this sample of the first curve.
     """
     first_samples = _sample_evenly(curves[0])
     second_samples = _sample_evenly(curves[1])
@@ -126,10 +127,12 @@ def _find_starts(curves: tuple[Curve, Curve]) -> Floats:
         curves[0].evaluate(first_samples.arc_lengths).frame,
         curves[1].evaluate(second_samples.arc_lengths).frame,
     )
-    # The frame of the nearest sample of each curve differs from the frame at a contact by
-    # about half the angle between samples. So the frames of this pair differ by less than
-    # both angles together.
+    # `frame_step` is the angle between the frames of successive samples. The nearest sample
+    # of a curve differs from a contact by at most about half this angle. So the frames of
+    # the two nearest samples differ by about half the sum of both angles. The limit is the
+    # whole sum.
     largest_angle = first_samples.frame_step + second_samples.frame_step
+    # The angle is least where its cosine is greatest.
     is_maximum = _find_row_maxima(cosine, curves[1].closed)
     is_start = is_maximum & (cosine > np.cos(largest_angle))
     # The pair with the most similar frames is a start in any case.

@@ -376,14 +376,16 @@ class CurveDerivative:
     def __call__(self, s: Floats) -> Floats:
         """Return derivatives with respect to the design variable at arc lengths s (n,).
 
-        The arc lengths (rad) are fixed. The derivatives follow step by step:
+        The arc lengths s (rad) are fixed, and the path changes with the design variable.
+        The derivatives follow step by step:
 
-        1. A curve that runs against its path has the arc length -s there. A multiple of the
-           length of the path is added, which gives an arc length on the path. Only the
-           length of the path depends on the design variable.
-        2. The arc length determines the parameter u of the path.
-        3. The path at u gives tangent, point and curvature. Tangent, point and curvature
-           change because the path changes and because u changes.
+        1. The arc length on the path is s, or -s if the curve runs against the path, plus a
+           whole multiple of the length of the path. It changes with the design variable,
+           because the length of the path changes.
+        2. The arc length on the path determines the parameter u of the path. So u changes
+           too.
+        3. The path at u gives tangent, point and curvature. They change because the path
+           changes at a fixed u, and because u changes.
 
         Returns
         -------
@@ -404,9 +406,10 @@ class CurveDerivative:
         u = variation.find_parameters(lengths_on_path)
         u_rates = variation.find_parameter_rates(u, path_length_rates)
 
-        # The path has complex numbers: the imaginary part is the derivative with respect to
-        # the design variable, times a tiny factor. The same holds for `moving_u`. The
-        # imaginary parts of the frames have the sum of the two effects in step 3.
+        # The derivatives are computed by a complex step. The numbers of the path and
+        # `moving_u` are complex: the imaginary part is the derivative with respect to the
+        # design variable, times a tiny factor. The same then holds for the frames. Their
+        # imaginary parts contain both changes of step 3.
         moving_u = add_complex_step(u, u_rates)
         frames = variation.path.frames(moving_u)
         derivatives = self._differentiate_points(frames)
@@ -531,7 +534,9 @@ def differentiate_spline(
 ) -> CurveDerivative:
     """Return the derivative of a spline curve with respect to a design variable.
 
-    The curve runs smoothly through points that depend on this variable.
+    The curve is a contact profile that runs smoothly through points. The points depend on
+    the design variable. The derivatives of computed quantities with respect to this
+    variable follow from the result.
     `spherekit.geometry.profile_curve.through` computes the curve itself.
 
     Parameters

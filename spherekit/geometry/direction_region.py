@@ -239,7 +239,7 @@ def _unit_direction(point: Sequence[float] | Floats) -> Floats:
     try:
         direction = np.asarray(point, dtype=float)
     except (TypeError, ValueError):
-        direction = np.zeros(0)
+        direction = np.zeros(0)  # a wrong shape, which is refused below
     largest = max_abs(direction)
     if direction.shape != (3,) or not 0.0 < largest < np.inf:
         raise RegionError(

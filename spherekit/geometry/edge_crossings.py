@@ -42,8 +42,8 @@ class EdgeCrossings:
     ) -> Indices:
         """Return the indices of the points where mesh edges cross the border of a region.
 
-        Each edge joins a vertex inside the region to a vertex outside. Crossings that are
-        not known yet are computed and stored in `points` and `margins`.
+        Each edge joins a vertex inside the region to a vertex outside. Crossings that no
+        earlier call has computed are computed now, and stored in `points` and `margins`.
 
         Parameters
         ----------

@@ -136,6 +136,9 @@ def normal_at(phi: float, gamma: float) -> Floats:
 def mirror_of(matrices: Floats) -> tuple[Floats, Floats]:
     """Return the mirrors closest to improper orthogonal matrices, and the deviations.
 
+    A mirror is a plane through the centre of the sphere. Each matrix is a reflection in a
+    plane, followed by a rotation about the normal of this plane. The plane is the mirror.
+
     Parameters
     ----------
     matrices

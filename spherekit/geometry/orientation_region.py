@@ -440,7 +440,8 @@ class _OrientationCells:
         boxes
             The cells: cubic boxes in the space of orientations.
         """
-        margins = _replace_nan_margins(self._evaluate_margins(boxes))  # (points, n, k)
+        # (points, n, k): the points of each cell, the cells, the margins.
+        margins = _replace_nan_margins(self._evaluate_margins(boxes))
         samples = margins[:SAMPLE_COUNT]
         # Margins at four further points, where the interpolation error is measured.
         checks = margins[SAMPLE_COUNT:]
@@ -526,9 +527,11 @@ def _sample_points(boxes: _Boxes) -> Indices:
 
 
 def _point_keys(cubes: Indices, points: Indices) -> Indices:
-    """Return an integer for each point of the space of orientations that identifies it.
+    """Return an integer that identifies each of m points in the space of orientations.
 
-    Points that several cells share are found by equal integers.
+    The space consists of four cubes of quaternions, which are divided into cells. Several
+    cells share points, such as their corners. They are found by equal integers, so that
+    margins are evaluated only once there.
 
     Parameters
     ----------

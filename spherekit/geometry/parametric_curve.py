@@ -135,8 +135,8 @@ class FourierPath:
         c = np.cos(angles)
         s = np.sin(angles)
         shape = (-1, *[1] * np.ndim(azimuth))
-        # The terms are added one by one. The result for an azimuth then does not depend on
-        # how many azimuths there are, to the last bit.
+        # `np.add.accumulate` adds the terms one by one, in their order. So the rounding
+        # error of a result does not depend on the number of azimuths.
         return [
             np.add.accumulate(
                 cosines.reshape(shape) * c + sines.reshape(shape) * s, axis=0
@@ -434,16 +434,18 @@ def radial_directions(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
 
 
 def orthonormal_frame(point: Floats, tangent: Floats) -> Floats:
-    """Return frames (n, 3, 3) with the columns t, p x t, p from points and tangents.
+    """Return the orthonormal frames (n, 3, 3) of points of a curve.
 
-    The vectors p and t are the unit vectors along point and tangent, at exact right angles.
+    The columns of a frame are t, p x t and p. Here p is the unit vector to the point, and t
+    the unit tangent of the curve. The part of the tangent along p is removed, so that both
+    are at right angles in spite of rounding errors.
 
     Parameters
     ----------
     point
-        (n, 3) vectors of any length along the third columns.
+        (n, 3) vectors to the points, of any length.
     tangent
-        (n, 3) vectors of any length, at right angles to the points up to rounding.
+        (n, 3) tangents of any length, at right angles to the points up to rounding.
     """
     p = point / np.sqrt(dot(point, point))[:, None]
     t = tangent - dot(tangent, p)[:, None] * p

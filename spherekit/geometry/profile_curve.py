@@ -43,20 +43,20 @@ part of the meaning of files.
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """A curve on the unit sphere at n arc lengths s.
+    """Points of a curve on the unit sphere at m arc lengths s, with frames and curvatures.
 
-    p is the point of the curve, t the unit tangent there.
+    p is the point of the curve, and t the unit tangent there.
 
     Attributes
     ----------
     frame
-        (n, 3, 3) frames with the columns t, n = p x t and p.
+        (m, 3, 3) frames with the columns t, n = p x t and p.
     curvature
-        (n,) geodesic curvatures k, positive where the curve turns left.
+        (m,) geodesic curvatures k, positive where the curve turns left.
     curvature_rate
-        (n,) derivatives dk/ds with respect to arc length.
+        (m,) derivatives dk/ds with respect to arc length.
     inside
-        (n,) whether the arc length belongs to the curve. Beyond the end of an open curve
+        (m,) whether the arc length belongs to the curve. Beyond the end of an open curve
         the other fields have their values at the end. For an arc length that is not finite
         the other fields are NaN.
     """
@@ -285,9 +285,10 @@ def spline_through(points: ArrayLike, closed: bool) -> tuple[SplinePath, ArcLeng
 def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, ArcLength]]:
     """Yield splines through the same points, each with its arc length.
 
-    The last spline is the smooth curve through the points (`spline_through`). Its knots
-    depend on the splines before, so derivatives of the curve with respect to the points
-    need all splines.
+    The last spline is the smooth curve through the points (`spline_through`). A caller that
+    differentiates the curve with respect to the points needs all splines. The reason is
+    that the points also move the knots of the last spline, which follow from the splines
+    before.
 
     Knots are the parameters of a spline at the points. For the first spline they are the
     sums of the great-circle arcs between the points. For every later spline they are the

@@ -189,7 +189,8 @@ class RegionRefinement:
     def refine(self, tolerance: float, feature: float, max_evaluations: int) -> None:
         """Cut triangles of the mesh until the area of the region is accurate enough.
 
-        Margins are functions of the direction that are at least 0 in the region.
+        The region has the directions at which all margins, functions of the direction, are
+        at least 0.
 
         Parameters
         ----------
@@ -198,9 +199,10 @@ class RegionRefinement:
         feature
             Smallest size (rad) of parts and holes of the region that are to be found.
         max_evaluations
-            Number of points at which margins are evaluated, after which the refinement
-            ends. The cost of a cut is estimated, and the first mesh and the last search for
-            the border are not limited. They can exceed the number.
+            The refinement ends if the next cuts would probably need more evaluations of the
+            margins than this number in all. The number can be exceeded, because the cost of
+            cuts is only estimated. The evaluations for the first mesh and for the final
+            search of the border are not limited.
         """
         while True:
             self._classify()
@@ -601,9 +603,19 @@ class RegionRefinement:
 
         Two causes contribute to the error, each up to half of the tolerance (sr):
 
-        - The border in a triangle (a segment) is approximated by a polynomial. Its order is
-          the degree of the polynomial.
-        - A triangle is open if a part of the region, or a hole, may be hidden in it.
+        - The piece of the border in a triangle, a segment, is approximated by a polynomial.
+          The order of the segment is the degree of the polynomial. Orders are raised first.
+          Triangles are cut only if the highest order is not accurate enough.
+        - A triangle is open if a part of the region, or a hole, may be hidden in it. Its
+          whole area counts as an error. The largest open triangles are cut.
+
+        The T triangles are those of the mesh. Triangles with edges of at most
+        `MIN_EDGE_RAD` are not cut.
+
+        Parameters
+        ----------
+        tolerance
+            Largest error of the area (sr).
         """
         max_error = 0.5 * tolerance
         self._raise_orders(max_error)

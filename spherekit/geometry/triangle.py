@@ -86,8 +86,8 @@ class TriangleAngles:
         the triangle does not close.
     closes
         (n,) whether a triangle with these sides exists: the sides satisfy the triangle
-        inequalities, and their sum is at most a full turn. A violation up to twice the
-        slack (rad) of `vertex_angles` is accepted.
+        inequalities, and their sum is at most a full turn. These conditions may be violated
+        by up to twice the angle `slack` of the function `vertex_angles`.
     """
 
     at_first: Floats

@@ -178,11 +178,11 @@ class EliminantSamples:
     values
         (n, m) values of the eliminants, stored as complex numbers.
     magnitude_limits
-        (n, m) limits that the magnitudes of these values cannot exceed. An eliminant far
-        below its limits at all m angles counts as zero everywhere.
+        (n, m) upper limits of the magnitudes of these values. An eliminant far below its
+        limits at all m angles counts as zero everywhere.
     can_eliminate
-        (n,) whether the angles can be eliminated. With three equations, the first one must
-        depend on the second angle.
+        (n,) whether the angles can be eliminated. With two equations this is always so.
+        With three equations, the first one must depend on the second angle.
     """
 
     values: Complexes
@@ -263,17 +263,18 @@ class NewtonResult:
 
 @dataclass(frozen=True)
 class RootSolutions(ArrayRows):
-    """Angles computed from roots of the eliminant, in the order of the roots.
-
-    Newton's method has one start or several starts for each root.
+    """Solutions of n systems of equations, computed from the roots of their eliminants.
 
     The eliminant is the polynomial in e^(ix), with x the first angle, that remains when the
-    other angles of a system of equations are eliminated. Each root gives a first angle.
+    other angles of a system are eliminated. Each root gives a first angle x. With x, the
+    equations give starts for all angles, which Newton's method improves. A system with k
+    roots and s starts for each root has m = k s starts. The starts are in the order of the
+    roots.
 
     Attributes
     ----------
     angles
-        (n, m, t) angles (rad) of n systems with t unknowns, from m starts each.
+        (n, m, t) the t angles (rad) to which Newton's method leads from each start.
     is_solution
         (n, m) whether Newton's method converged to a solution whose first angle belongs to
         the root.
@@ -341,11 +342,14 @@ def eliminant_degree(incidence: Bools) -> int:
 def _can_eliminate_in_order(incidence: Bools) -> bool:
     """Return whether all angles but the first can be eliminated, beginning with the last.
 
-    A system has t equations in t angles. For t = 2 or 3, the last angle is eliminated from
-    the last two equations. Both equations must contain the last angle. One equation
-    remains. For t = 3, the second angle is eliminated from the remaining equation and the
-    first equation. The first equation must contain the second angle, but not the last. For
-    t = 1, the equation must contain its angle.
+    A system has t equations in t angles. If the result is true, one equation in the first
+    angle remains, whose roots give the solutions. The conditions depend on t:
+
+    - t = 1: the equation must contain its angle.
+    - t = 2: the last angle is eliminated from both equations, so both must contain it.
+    - t = 3: the last angle is eliminated from the last two equations, as for t = 2. The
+      second angle is then eliminated from the remaining equation and the first equation.
+      So the first equation must contain the second angle, but not the last.
 
     Parameters
     ----------
@@ -646,8 +650,9 @@ def _solve_at_roots(
     roots
         (n, k) values of e^(ix), x the first angle.
     starts_per_root
-        Number s of starts of Newton's method for each root, at most 2 for two equations and
-        4 for three. The starts with the smallest errors of the equations are used.
+        Number s of starts of Newton's method for each root. The starts with the smallest
+        errors of the equations are used. A root gives one first angle, and two values of
+        each other angle. So s is at most 2 for two equations and 4 for three.
     """
     # (n, k * s, t) angles, the starts of a root one after another.
     starts = _choose_starts(equations, roots, starts_per_root)
@@ -657,8 +662,8 @@ def _solve_at_roots(
     first_angle_changes = np.abs(result.angles[:, :, 0] - starts[:, :, 0])  # (n, k * s)
     is_near_root = first_angle_changes < ROOT_CLUSTER_RAD
     is_converged = result.residual < MAX_SOLUTION_RESIDUAL
-    # `is_flat` says whether the Jacobian is almost singular. Several solutions may coincide
-    # there.
+    # Where `is_flat` is true, the Jacobian is almost singular, and several solutions may
+    # coincide.
     return RootSolutions(result.angles, is_converged & is_near_root, result.is_flat)
 
 
@@ -765,6 +770,8 @@ def _find_form_zeros(form: Numbers) -> FormZeros:
 def _insert_first_angle(equations: Numbers, first_angles: Numbers) -> Complexes:
     """Insert values of the first angle into equations linear in cosines and sines.
 
+    The remaining equations are then solved for the other angles.
+
     Parameters
     ----------
     equations
@@ -786,8 +793,10 @@ def _insert_first_angle(equations: Numbers, first_angles: Numbers) -> Complexes:
 def _second_angle_forms(equations: Numbers, first_angles: Numbers) -> Complexes:
     """Return the equation in the second angle at values of the first angle.
 
-    The first of three equations does not contain the last angle. With the first angle
-    inserted, it is a form c0 + c1 cos + c2 sin = 0 in the second angle.
+    In each system of three equations, the first equation contains only the first and the
+    second angle. With a value of the first angle inserted, it is a form c0 + c1 cos(y) +
+    c2 sin(y) = 0 in the second angle y. Callers check whether the coefficients are nearly
+    zero, because then the form does not determine y.
 
     Parameters
     ----------
@@ -808,8 +817,9 @@ def _second_angle_forms(equations: Numbers, first_angles: Numbers) -> Complexes:
 def _select_second_angle_form(remaining: Complexes) -> Complexes:
     """Return the first of three equations as an equation (n, r, 3) in the second angle y.
 
-    The result has the coefficients of 1, cos(y) and sin(y). Systems are ordered so that the
-    last angle z is not in their first equation.
+    The result has the coefficients of 1, cos(y) and sin(y). Callers solve it for y, or
+    check whether it determines y. The last angle z is not in the first equation, because
+    the equations of a system are ordered in this way.
 
     Parameters
     ----------
@@ -876,9 +886,10 @@ def _sample_eliminants(
         samples = _sample_eliminants_of_two(equations, all_first_angles)
     else:
         # The resultant of the last two equations does not contain the third angle. The
-        # product of its values at two zeros of the second angle is a fraction. The degree
-        # of the resultant in the second angle is the exponent of the denominator, which is
-        # removed.
+        # first equation has two zeros, which are values of the second angle. The values of
+        # the resultant at these two zeros are multiplied. This product is a fraction. The
+        # exponent of its denominator, which is removed, is the degree of the resultant in
+        # the second angle.
         resultant_degree = _resultant_degree(incidence, angle=1)
         samples = _sample_eliminants_of_three(equations, all_first_angles, resultant_degree)
     if np.isrealobj(equations):
@@ -920,12 +931,17 @@ def _sample_eliminants_of_three(
 ) -> EliminantSamples:
     """Return values of the eliminants of systems of three equations in three angles.
 
-    With a value of the first angle inserted, the first equation has two zeros of the second
-    angle y. At each zero, the other two equations are forms c0 + c1 cos + c2 sin = 0 in the
-    last angle. The resultant of both forms is zero if the forms have a common zero. The
-    product of both resultants is therefore zero at the solutions. The zeros, cos(y) and
-    sin(y), have the same denominator w. If a resultant has the degree p in them, the
-    product is a fraction with the denominator w^p. The eliminant is its numerator.
+    The eliminant is the polynomial in the first angle x that remains when the angles y and
+    z are eliminated. Its roots are the angles x of the solutions. Each of its values is
+    computed at a given x:
+
+    1. The first equation does not contain z. At the given x it has two zeros y.
+    2. At each zero y, the other two equations are forms c0 + c1 cos(z) + c2 sin(z) = 0.
+       They have one resultant, which is zero if both forms have a common zero z.
+    3. So the product of the resultants at both zeros y is zero if x belongs to a solution.
+    4. This product is a fraction. cos(y) and sin(y) are fractions with the denominator w,
+       which depends on x. If the resultant has the degree p in them, the product has the
+       denominator w^p. The eliminant is the numerator: the product times w^p.
 
     Parameters
     ----------
@@ -1094,7 +1110,8 @@ def _find_problems(
     equation_norms = np.linalg.norm(coefficients, axis=2)
     has_empty_equation = np.min(equation_norms, axis=1) < EMPTY_EQUATION_SIZE
 
-    # A value is compared with the largest magnitude that it could have.
+    # `magnitude_limits` bound the magnitudes that the values can have with coefficients of
+    # this size. Values far below these limits count as zero.
     largest_value = max_abs(samples.values, axis=1)
     largest_limit = np.max(samples.magnitude_limits, axis=1)
     is_zero_everywhere = ~(largest_value > ZERO_ELIMINANT * largest_limit)
@@ -1136,10 +1153,11 @@ def _polynomial_roots(coefficients: Complexes) -> Complexes:
 
 
 def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
-    """Return starts of Newton's method for all angles, at values of the first angle.
+    """Return starts of Newton's method for all angles, if the first angle is known.
 
     With the first angle inserted, the equations have several zeros in the other angles. All
-    combinations of zeros are starts.
+    combinations of zeros are starts. Not all starts are near a solution, so the caller
+    selects those with small residuals.
 
     Parameters
     ----------
@@ -1322,6 +1340,8 @@ def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
 
 def _relative_residual(equations: Numbers, angles: Complexes) -> Floats:
     """Return the largest residual of each solution, relative to the size of the factors.
+
+    The caller chooses starts of Newton's method and accepts solutions by this number.
 
     A term of an equation is a coefficient times one factor (1, cosine or sine) of each
     angle. Coefficients are about 1. Complex angles can have large cosines and sines, which

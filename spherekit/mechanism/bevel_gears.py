@@ -45,7 +45,7 @@ class GearCarrier(NamedTuple):
     link
         Name of the carrier.
     shafts
-        For each gear the R pair (hinge) on its axis at the carrier.
+        For each gear the R pair (hinge) at the carrier about which the gear rotates.
     shaft_angle
         Angle (rad) between the two axes, 0 to pi.
     """
@@ -73,7 +73,8 @@ def pitch_angles(
     Raises
     ------
     ModelError
-        If no cones with these teeth touch at this shaft angle, or they touch all round.
+        If no cones with these teeth touch at this shaft angle, or if both axes are on one
+        line.
 
     Notes
     -----

@@ -38,7 +38,8 @@ def rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
     rotation
         (3, 3) rotation from the old to the new link axes.
     pair
-        The contact. This function does not use the contact, but `redescribe` passes it.
+        The contact, which is not used. The parameter is needed because `redescribe` calls
+        each function `rotate_pair_profile` with the pair.
     """
     del pair
     centre = None if profile.centre is None else rotate_vector(rotation, profile.centre)
@@ -112,8 +113,9 @@ def redescribe(
     def redescribe_part(part: Any) -> Any:
         """Return a pair, output, mass or load with new names of links and in new axes.
 
-        Vectors, tensors, profiles (contact curves) and expressions are rotated. The new
-        names and the rotations from old to new axes are parameters of `redescribe`.
+        Vectors, tensors, profiles (contact curves) and the component expressions of forces
+        and moments are rotated. Variables in expressions get their new names. The new names
+        and the rotations from old to new axes are parameters of `redescribe`.
         """
         # Vectors and tensors are in the axes of the link of the part, such as a centre of
         # mass. If the part has no link, they are in ground axes, such as gravity. A
@@ -129,8 +131,9 @@ def redescribe(
             component_rotation = rotation
         else:
             component_rotation = ground_rotation
-        # Each field of a part has a kind. A "text" is one scalar expression with names such
-        # as "theta_41". "texts" are three expressions, the components of a force or moment.
+        # Each field of a part has a kind. A "text" is one scalar expression with names of
+        # variables, such as "theta_41". "texts" are three expressions, the components of a
+        # force or moment.
         changes: dict[str, Any] = {}
         for name, kind in field_kinds(part).items():
             match kind, getattr(part, name):

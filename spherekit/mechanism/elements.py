@@ -61,7 +61,7 @@ def check_table_rows(
         if not next_time > time:
             raise ModelError(
                 f"{key}times: must increase, but {next_time:g} s follows {time:g} s at "
-                f"positions {row} and {row + 1}"
+                f"positions {row} and {row + 1} (counted from 0)"
             )
 
 

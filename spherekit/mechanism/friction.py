@@ -149,10 +149,15 @@ class Bearings(BearingFriction):
         return np.stack(loads, axis=-2)
 
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
-        """Check the fields of the load, which has all bearings of its pair.
+        """Check that the forces on the bearings can be computed from these fields.
+
+        This load describes all bearings of one pair (hinge). They support a couple by two
+        opposite forces at different positions on the axis. A single bearing must therefore
+        not be at the centre of the sphere, where the second force then acts. Two bearings
+        must not be at the same position.
 
         An axial share is the part of the axial force that a bearing supports. The shares
-        add up to 1. If the pair (hinge) transmits no axial force, all shares are 0.
+        add up to 1. If the pair transmits no axial force, all shares are 0.
 
         Parameters
         ----------
@@ -164,8 +169,8 @@ class Bearings(BearingFriction):
         Raises
         ------
         ModelError
-            If the bearings cannot support a couple, the axial shares have another sum, or
-            another load has bearings of the same pair.
+            If the positions do not allow a couple, if the axial shares have another sum, or
+            if another load has bearings of the same pair.
         """
         super().check(key, mechanism)
         # A pair has one or two bearings, which support a couple by opposite forces. With a

@@ -93,7 +93,8 @@ def axes_frame(first: Floats, second: Floats) -> Floats:
     if sine < PARALLEL_AXES_SINE:
         raise ModelError(
             "the two axes are parallel, so they define neither a plane nor an arc; name "
-            "other axes, or give tensor in link axes"
+            "other axes, or give the inertia tensor in the axes of the link (key tensor, "
+            "without arc and frame)"
         )
     x_axis = normal / sine
     # The frame with the z axis `first` and this x axis.
@@ -124,7 +125,7 @@ def uniform_arc(
     Raises
     ------
     ModelError
-        If the two axes are parallel.
+        If the two vectors are parallel or opposite.
 
     Notes
     -----
@@ -135,7 +136,8 @@ def uniform_arc(
     along e.
     """
     frame = axes_frame(first, second)
-    # The columns of the frame are x across the plane of the arc, y, and z along `first`.
+    # The columns of the frame are its axes. The arc is in the plane of y and z: it begins
+    # at z, which is along `first`, and turns towards y.
     arc = np.arctan2(second @ frame[:, 1], second @ first)
     half_arc = arc / 2
     middle = np.cos(half_arc) * frame[:, 2] + np.sin(half_arc) * frame[:, 1]
@@ -223,18 +225,21 @@ def check_tensor(key: str, tensor: Floats) -> None:
 def _check_principal_moments(
     key: str, tensor: Floats, tolerance: float, about: str
 ) -> None:
-    """Raise `ModelError` if no body can have the principal moments of a tensor.
+    """Raise `ModelError` if no body can have the principal moments of an inertia tensor.
+
+    No principal moment can be negative, or exceed the sum of the two others.
 
     Parameters
     ----------
     key
-        Beginning of the message.
+        Key of the tensor in the file, the beginning of the message.
     tensor
         (3, 3) symmetric tensor (kg m2).
     tolerance
         Violation (kg m2) that is accepted.
     about
-        Words for the point to which the tensor refers, for the message.
+        Words of the message for the point to which the tensor refers, such as " about the
+        centre of mass". Empty if the message need not name the point.
     """
     small, middle, large = np.linalg.eigvalsh(tensor)
     excess = large - middle - small

@@ -383,8 +383,8 @@ class Sliding(Joint):
     @staticmethod
     def variable_meanings(pair: str, links: Links) -> list[str]:
         return [
-            f'arc length along the profile of link "{link}", from its start to the contact '
-            f'point of pair "{pair}"'
+            f'arc length (on the unit sphere) along the profile of link "{link}", from its '
+            f'start to the contact point of pair "{pair}"'
             for link in links
         ]
 
@@ -500,8 +500,8 @@ class Rolling(Joint):
     @staticmethod
     def variable_meanings(pair: str, links: Links) -> list[str]:
         return [
-            f'arc length by which links "{links[0]}" and "{links[1]}" have rolled on each '
-            f'other at pair "{pair}"'
+            f'arc length (on the unit sphere) by which links "{links[0]}" and "{links[1]}" '
+            f'have rolled on each other at pair "{pair}"'
         ]
 
     @cached_property

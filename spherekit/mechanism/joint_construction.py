@@ -120,8 +120,9 @@ def make_joints_in_pose(
 def make_contact_curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]:
     """Return the curves of both links of a contact, each in the axes of its link.
 
-    The returned curves have equal tangents at the contact. In an external contact, the
-    profiles of the file have opposite tangents there, such as two counter-clockwise circles
+    The joint of a contact needs curves with equal tangents at the contact, because the
+    frames of both curves have to coincide there. In an external contact, the profiles that
+    the mechanism file states have opposite tangents, such as two counter-clockwise circles
     side by side. The second curve is then returned with its sense reversed.
 
     Raises

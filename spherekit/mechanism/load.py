@@ -130,8 +130,8 @@ def require_expression(magnitude: Expression | TorqueCallback) -> Expression:
 def no_expression_message(pair: str) -> str:
     """Return the message that a torque at a pair has to be an expression, but is none."""
     return (
-        f"the torque at pair {pair} is a Python function, which only simulations with "
-        'engine="numpy" can call; write it as an expression, or as a table of torques'
+        f"the torque at pair {pair} is a Python function, which works only in simulations "
+        'with engine="numpy"; state the torque as an expression, or as a table of torques'
     )
 
 
@@ -146,15 +146,16 @@ class LoadComponent:
         a reaction (force in a pair), the function is a factor from -1 to 1 with the sign of
         the friction. The size of this friction (N m) is computed later.
     pair
-        Name of the pair (joint) at which the component acts, or empty. The power is the
-        magnitude times a rate: that of the variable of an R pair, or the sliding rate of a
-        contact.
+        Name of the pair (joint) at which the component acts, or empty. The power of the
+        component is the magnitude times a rate: that of the variable of an R pair, or the
+        sliding rate of a contact.
     moments
         Moments on links, if the component does not act at a pair. Each is multiplied by the
-        magnitude. Its power is its dot product with the angular velocity of the link.
+        magnitude. The power of a moment is its dot product with the angular velocity of the
+        link.
     bearing_friction
-        The load of the mechanism file that states this friction, if the component is
-        friction in a bearing or contact. Its size follows from the reaction there.
+        If the component is friction that follows from a reaction, the load with the
+        coefficient of this friction. None for other components.
     """
 
     magnitude: "Expression | TorqueCallback | TorqueTable"
@@ -319,7 +320,8 @@ class BearingFriction(Load):
             (..., 3) moment about the centre (N m) that the pair transmits, in pair axes.
         forces
             (..., 3) force through the centre (N) that the pair transmits, in pair axes.
-            None if this force is unknown or has no influence.
+            None if it was not computed. Bearings then get only the loads of the moment. The
+            load of a contact does not depend on the force.
 
         Returns
         -------
@@ -473,8 +475,8 @@ def check_field(kind: str, key: str, value: Any, mechanism: LoadedMechanism) -> 
             check_finite(key, [value])
             if value <= 0:
                 raise ModelError(
-                    f"{key}: found {value:g} rad/s, expected more than 0; it is the rate "
-                    "below which the jump of dry friction is smoothed"
+                    f"{key}: found {value:g} rad/s, expected more than 0; below this rate, "
+                    "the jump of dry friction at zero speed is smoothed"
                 )
         case "link" | "axes" | "flag":
             pass

@@ -54,7 +54,9 @@ _CONSTRUCTS: Mapping[type[ast.expr], str] = MappingProxyType(
 )
 """What a user wrote, by kinds of Python's syntax tree that a load may not contain."""
 
-_GRAMMAR = "numbers, names, + - * / **, parentheses and functions are allowed"
+_GRAMMAR = (
+    "an expression may contain only numbers, names, + - * / **, parentheses and functions"
+)
 _DEPTH_LIMIT = f"at most {MAX_DEPTH} levels"
 _FORBIDDEN_CHARACTER = re.compile(r"[^A-Za-z0-9_+\-*/(),. ]")
 
@@ -328,11 +330,12 @@ def _parse_python(text: str, indentation: int) -> ast.expr:
                 f"parentheses do not match ({error.msg})",
                 'write as many ")" as "("',
             ) from None
-        # After a semicolon, Python's message may advise what is not allowed here.
+        # For texts such as "01", Python's message advises after a semicolon what is not
+        # allowed here. Only the part before the semicolon is used.
         reason = error.msg.partition(";")[0]
         raise _syntax_error(
             column,
-            f"cannot be read at this place ({reason}); products are written with *",
+            f"cannot be read from here on ({reason}); products are written with *",
         ) from None
     except (RecursionError, MemoryError, ValueError):
         # Deep nesting makes the parser fail with one of these types of errors.
@@ -518,12 +521,13 @@ def _read_function_name(call: ast.Call, names: Names, column: int) -> str:
 def _iterate_steep_arguments(
     node: Node, ignored_functions: Sequence[str]
 ) -> Iterator[Node]:
-    """Yield arguments of functions that change suddenly near zero, innermost first.
+    """Yield arguments of functions that can change suddenly near zero, innermost first.
 
-    Series that approximate an expression are inaccurate near zeros of these arguments. The
-    arguments are called steep. Sums, products, sine and cosine have none. Examples of other
-    functions are tanh(1000 x) and sqrt(x), with the steep arguments 1000 x and x. For a / b
-    it is the denominator b, and for max(a, b) the difference a - b. Constants are left out.
+    Series that approximate an expression can be inaccurate near zeros of these arguments.
+    The arguments are called steep. Integrators check their steps there. Sums, products,
+    sine and cosine have no steep arguments. Examples of other functions are tanh(1000 x)
+    and sqrt(x), with the steep arguments 1000 x and x. For a / b it is the denominator b,
+    and for max(a, b) the difference a - b. Constants are left out.
 
     Parameters
     ----------
@@ -550,7 +554,8 @@ def _iterate_steep_arguments(
 def _steep_arguments(name: str, arguments: list[Node]) -> list[Node]:
     """Return expressions near whose zeros a function may change suddenly or have a kink.
 
-    For example, 1 / x changes suddenly near x = 0, so x is returned.
+    For example, 1 / x changes suddenly near x = 0, so x is returned. Series and steps of
+    integration can be inaccurate there, so integrators check their steps.
 
     Parameters
     ----------

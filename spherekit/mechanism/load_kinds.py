@@ -69,8 +69,8 @@ class PairTorque(Load):
         The torque (N m): an expression in pair variables ``theta_PAIR`` (rad), their rates
         ``dtheta_PAIR`` (rad/s) and the time ``t`` (s). The torque may also be a function
         f(t, q, dq) of the time and of the variable and the rate of this pair. Only
-        simulations by NumPy can use a function. Such simulations call the function at any
-        times in any order.
+        simulations by NumPy can use a function. They call the function at times that do not
+        always rise, so its result must not depend on earlier calls.
     """
 
     kind = "torque"
@@ -209,7 +209,7 @@ class Moment(Load):
     """A moment on a link.
 
     The opposite moment acts on the ground. `field_kinds` declares what each field contains.
-    The reader of mechanism files checks and converts the fields accordingly.
+    By these kinds, the reader of mechanism files checks and converts the fields.
 
     Attributes
     ----------

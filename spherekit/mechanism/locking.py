@@ -50,8 +50,9 @@ A smaller change is caused by rounding.
 def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mechanism:
     """Return the mechanism with R pairs locked, so that the two links of each become one.
 
-    The new link has the name of the ground, else of the link with contacts, else of the
-    first link of the pair. Masses, loads and outputs of the other link move to it. Loads,
+    The new link has the name of the ground, if this is one of the two links. Otherwise it
+    has the name of the link with contacts, if only one has any, else of the first link of
+    the pair. Masses, loads and outputs of the other link move to it. Loads,
     joint limits and an input at the pair are removed, and so are outputs between both
     links and all named modes.
 
@@ -60,8 +61,9 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     impossible. The result is then described by the arcs and angles of its links.
 
     The profiles (contact curves) of the other link are described in the axes of the new
-    link. Arc lengths along a circle are then counted from another point. If this changes
-    the displacement of a sliding contact, a warning (`UserWarning`) states the difference.
+    link. The point of a circle from which arc lengths are counted may change with these
+    axes. If this changes the displacement of a sliding contact, a warning (`UserWarning`)
+    states the difference.
 
     Parameters
     ----------
@@ -225,11 +227,12 @@ class _LinkMerge:
     ) -> Profile:
         """Return a profile of the removed link in the axes of the kept link.
 
-        A profile is a contact curve. A locked pair joins the removed link to the kept link,
-        whose axes differ. What happens to a profile depends on its contact and its kind:
+        A profile is a contact curve. A locked pair makes two links one: the removed link
+        becomes a part of the kept link, whose axes differ. What happens to a profile of the
+        removed link depends on its contact and its kind:
 
-        - Every profile of a rolling contact (Cr) is refused. Its start could change, and
-          other points of both curves would then touch.
+        - Every profile of a rolling contact (Cr) is refused. The start, from which arc
+          length is counted, could change. Then other points of both curves would touch.
         - A Fourier series is refused. Its azimuth is counted from a direction that depends
           on the link axes, so the same coefficients would give a turned curve.
         - A circle is rotated. Its displacement (arc length to the contact point) can then
@@ -280,8 +283,9 @@ def _arc_between_starts(
     """Return the arc from the new to the old start of a circle in rotated link axes.
 
     Arc lengths along a circle are counted from its start. The start follows from the
-    centre of the circle and the axes of the link. After two links are joined, a circle can
-    be described in other link axes. Its start is then another point of the same circle.
+    centre of the circle and the axes of the link. When two links become one, a circle can
+    be described in other link axes. Its start is then another point of the same circle. The
+    caller warns the user by how much the arc lengths change.
 
     Parameters
     ----------
@@ -294,8 +298,8 @@ def _arc_between_starts(
 
     Returns
     -------
-    The arc length (rad), positive counter-clockwise about the centre. For profiles by
-    points, which start at the first point in any axes, the result is 0.
+    The arc length (rad), positive counter-clockwise about the centre. It is 0 for a profile
+    by points, which starts at its first point in any link axes.
     """
     # `round_axis` is the axis of a circle or great circle. Other curves have none.
     if profile.round_axis is None or rotated_profile.round_axis is None:
@@ -371,8 +375,8 @@ def _join_link_sizes(
         if link not in (merge.kept_link, merge.removed_link)
     }
     # The links without kept sizes get new ones, which follow from the frames of their R
-    # pairs (hinges). So all R pairs are needed that have such a link on at least one side.
-    # Contacts have no axis and no frame.
+    # pairs (hinges). So an R pair is needed if at least one of its two links gets new
+    # sizes. Contacts have no axis and no frame.
     pairs_at_new_sizes = []
     for pair in mechanism.pairs:
         gets_new_sizes = any(link not in kept_sizes for link in pair.links)

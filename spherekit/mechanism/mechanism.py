@@ -436,12 +436,17 @@ class Mechanism:
         angle_unit
             Unit of all angles, ``"deg"`` or ``"rad"``.
         arcs, angles
-            For a mechanism given by sizes, the sizes by link: a number if the link has only
-            one, all of them in a sequence, or some of them by the pair to which they lead,
-            as in ``{"3": {"43": 70.0}}``.
+            For a mechanism given by sizes, the new sizes of links, by name of the link. The
+            arcs of a link lead from its first axis to each other axis. Its angles are at
+            the first axis, from the first arc to each other arc. A number is enough for a
+            link with only one arc (or angle). A sequence replaces all of them. A mapping
+            replaces some of them, each named by the pair at whose axis the arc ends, as in
+            ``{"3": {"43": 70.0}}``.
         zeros
-            For a mechanism given by sizes, the angle at which the variable of a pair is
-            zero, by pair.
+            For a mechanism given by sizes, by pair: the angle between the reference arcs of
+            its two links at which the variable of the pair is zero. The reference arc of a
+            link leads from the axis of the pair to the first other axis of the link that is
+            not on the same line.
         axes, values
             For a mechanism given in a reference pose, by pair: its axis (3,) of any length,
             and the value of its variable.
@@ -561,7 +566,8 @@ class Mechanism:
         ------
         ModelError
             If `without` names a load that does not exist, two of the loads have the same
-            name, or a load is not meaningful.
+            name, or a load does not fit the mechanism. For example, the mechanism may not
+            have the pair on which the load acts.
 
         Examples
         --------
@@ -959,7 +965,7 @@ def _advise_on_axes(
         if len(joined_links) == 2:
             return (
                 f'there is no pair "{axis}": add [pairs.{axis}] with type = "R" and '
-                f"links = [{names}], or remove the axis from both links"
+                f"links = [{names}], or remove {axis} from the axes of these two links"
             )
         return (
             f'there is no pair "{axis}": add [pairs.{axis}] with type = "R" and the two '
@@ -980,6 +986,6 @@ def _describe_wrong_arc(arc: float) -> str:
     return (
         f"found {degrees:.6g} deg ({arc:.6g} rad); an arc between two axes is between 0 "
         "and 180 deg. Measured the shorter way, the axis is "
-        f"{abs(math.remainder(degrees, 360)):.6g} deg from the first one; to give arcs in "
-        "both directions, set signed_arcs = true in the link"
+        f"{abs(math.remainder(degrees, 360)):.6g} deg from the first one; to allow arcs "
+        "below 0 and above 180 deg, set signed_arcs = true in the link"
     )

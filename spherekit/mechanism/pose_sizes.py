@@ -41,11 +41,14 @@ class PoseSize(NamedTuple):
 def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
     """Return the arcs and angles of a link, from the axes of a reference pose.
 
-    The reference pose is one configuration with known axes. All arcs begin at the axis of
-    the first R pair (hinge) of the link. For the axes 1, 2 and 3, the arcs are 1-2 and 1-3.
-    The angle of axis 3 is at axis 1, from the arc 1-2 to the arc 1-3, counter-clockwise
-    about axis 1. The order of sizes is: arc 1-2, arc 1-3, angle of axis 3. An axis on the
-    line of the first one has no sizes. Axes are in the order of the pairs of the mechanism.
+    The reference pose is one configuration with known axes. A mechanism with a reference
+    pose states no arcs and angles. They are derived here, so that designs can vary them.
+
+    All arcs begin at the axis of the first R pair (hinge) of the link. For the axes 1, 2
+    and 3, the arcs are 1-2 and 1-3. The angle of axis 3 is at axis 1, from the arc 1-2 to
+    the arc 1-3, counter-clockwise about axis 1. The result has the order
+    arc 1-2, arc 1-3, angle of axis 3. An axis on the line of the first one has no sizes.
+    Axes are in the order of the pairs of the mechanism.
     """
     assert isinstance(mechanism.geometry, PoseGeometry)
     axes = [
@@ -56,10 +59,11 @@ def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
     if not axes:
         return ()
     _, first_axis = axes[0]
-    # When a size grows, the end of its arc rotates about `growth_axis`. The growth axis of
-    # an arc is the normal of its plane, that of an angle is the first axis.
+    # When a size grows, the axis at the end of its arc rotates about `growth_axis`. For an
+    # arc this is the normal of the plane of the arc, for an angle it is the first axis.
     sizes: list[PoseSize] = []
-    first_normal: Floats | None = None  # of the plane of the arc at which angles are zero
+    # Normal of the plane of the first arc, from which angles are counted.
+    first_normal: Floats | None = None
     for name, axis in axes[1:]:
         normal = cross(first_axis, axis)
         sine = float(np.linalg.norm(normal))

@@ -35,12 +35,14 @@ def angles_in_radians(angles: ArrayLike, unit: AngleUnit) -> Floats:
 def as_float_rows(key: str, numbers: ArrayLike, shape: tuple[int, ...]) -> Any:
     """Return numbers of a required shape as a tuple of floats, or of tuples of floats.
 
+    Vectors and tensors that users state are checked and stored in this form.
+
     Parameters
     ----------
     key
         Name of the numbers, with which the error message begins.
     numbers
-        Numbers in any nested form.
+        The numbers, as an array or as nested lists or tuples.
     shape
         The required shape, of one or two axes.
 
@@ -59,10 +61,19 @@ def as_float_rows(key: str, numbers: ArrayLike, shape: tuple[int, ...]) -> Any:
 def unit_vector_along(key: str, direction: ArrayLike) -> Vector:
     """Return the unit vector along a direction (3,) of any length.
 
+    Users may state the axis of a pair (joint) by such a direction.
+
+    Parameters
+    ----------
+    key
+        Words that say where the direction is stated. Error messages begin with them.
+    direction
+        (3,) a vector along the direction.
+
     Raises
     ------
     ModelError
-        If the direction is zero or not finite. The message begins with `key`.
+        If the direction has not three numbers, is zero or is not finite.
     """
     x, y, z = as_float_rows(f"{key}.xyz", direction, (3,))
     length = math.hypot(x, y, z)

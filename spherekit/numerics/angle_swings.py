@@ -114,8 +114,8 @@ class PathSwing(NamedTuple):
     swing
         Difference of the largest and the smallest angle (rad).
     low_sample, high_sample
-        Indices of the samples at which the angle is smallest and largest, the first of
-        several.
+        Indices of the samples at which the angle is smallest and largest. If several
+        samples have the same angle, the first of them counts.
     """
 
     swing: float

@@ -358,14 +358,17 @@ def evaluate_cells(
 class CellGroups:
     """Indices of positions, grouped by the cell (interval or box) that contains them.
 
+    A position is a point at which a piecewise function is evaluated. Each cell has its own
+    series, so all positions of a cell are evaluated together.
+
     Attributes
     ----------
     order
         (k,) indices of the positions that are in a cell, sorted by cell.
     cells
-        The cells that contain positions, rising.
+        The numbers of the cells that contain positions, in rising order.
     starts, stops
-        The range of `order` that belongs to each of these cells.
+        For each of these cells: ``order[start:stop]`` has the indices of its positions.
     """
 
     order: Indices

@@ -45,9 +45,9 @@ class LazyColumn:
     ----------
     source
         An object with a method `read(keys, reader)`, which computes the columns with these
-        keys. It calls the reader several times, with a slice of rows and the values of all
-        columns in these rows. The slices may come in any order, and from several threads at
-        once.
+        keys. It passes the values on by calls of the function `reader`. Each call has a
+        slice of rows and the values of all these columns in these rows. The slices may come
+        in any order, and from several threads at once.
     key
         Identifies the column in the source.
     count
@@ -129,8 +129,9 @@ class Span(NamedTuple):
     Notes
     -----
     A column can have the rows of k subjects (such as poles) in turn: row 0 of each subject,
-    then row 1 of each, and so on. A span must begin with the first subject and end with the
-    last one, so `rows.start`, `rows.stop` and `first_output_row` are multiples of k.
+    then row 1 of each, and so on. A span must have the same rows of every subject, because
+    they are copied subject by subject. So `rows.start`, `rows.stop` and `first_output_row`
+    must be multiples of k.
     """
 
     rows: slice
@@ -168,11 +169,12 @@ def read_columns(columns: Iterable[Column]) -> list[Array]:
 
 
 class _PartCopy(NamedTuple):
-    """A part of a table column, and the output rows to which the part is written.
+    """A part of a table column, and the output rows to which `copy_columns` writes it.
 
-    A table can have the rows of several subjects, such as poles (axes of relative rotation
-    of two links). The rows of the subjects alternate in a column. A part of a column has
-    the rows of one subject. A column of any other table is a single part.
+    A table can have rows for several subjects. Each pole (axis of relative rotation of two
+    links), for example, is a subject with one row for each sample of a motion. The rows of
+    the subjects alternate in a column. A part of a column has the rows of one subject. A
+    column of any other table is a single part.
 
     Attributes
     ----------
@@ -247,7 +249,7 @@ def _divide_into_parts(
 
 
 def _compute_and_copy(part_copies: Sequence[_PartCopy]) -> None:
-    """Compute lazy columns of one source, and copy them as soon as they are computed.
+    """Compute lazy columns of one source, and copy each slice of rows once it is computed.
 
     A source is an object that computes rows slice by slice, and calls a function with the
     values of each slice.
@@ -255,17 +257,18 @@ def _compute_and_copy(part_copies: Sequence[_PartCopy]) -> None:
     Parameters
     ----------
     part_copies
-        The lazy columns, each with the rows that are copied and the output for them.
+        Each has a lazy column (`part`), the ranges of rows to copy (`spans`), and the array
+        to which they are copied (`output`).
     """
 
     def copy_computed_rows(computed_rows: slice, values: Sequence[Array]) -> None:
-        """Copy the values of all parts in the rows that the source has computed.
+        """Copy the values of all lazy columns in the rows that the source has computed.
 
-        The source calls this function after each slice of rows. Only the rows that were
-        asked for (spans) are copied to the output.
+        The source calls this function after each slice of rows. Only rows in the spans are
+        copied to the output. `values` has an array for each column.
         """
         for part_copy, part_values in zip(part_copies, values, strict=True):
-            # The spans as indices of `part_values`, whose first row is the first computed.
+            # The spans as rows of `part_values`, whose row 0 is the first computed row.
             value_spans = _spans_of_values(part_copy.spans, computed_rows)
             _copy_spans(part_values, part_copy.output, value_spans)
 
@@ -296,11 +299,19 @@ def _count_in_part(spans: Sequence[Span], subject_count: int) -> list[Span]:
 
 
 def _spans_of_values(spans: Sequence[Span], computed_rows: slice) -> list[Span]:
-    """Return the spans of computed rows to copy, counted from the first computed row.
+    """Return the parts of spans that have been computed, as rows of the computed values.
 
-    A span is a range of rows to be copied, with its place in the output. A source has
-    computed only some rows. If these are rows 20 to 29, row 0 of the result is row 20.
-    Spans without computed rows are left out.
+    A span is a range of rows to be copied, with its place in the output. A source computes
+    the rows of a column slice by slice. The caller has the values of one slice, and copies
+    them with the result. For example, the values of rows 20 to 29 are an array of 10 rows,
+    so row 20 of the column is row 0 of the array. Spans without computed rows are left out.
+
+    Parameters
+    ----------
+    spans
+        The spans, with row numbers of the column.
+    computed_rows
+        The slice of rows that has been computed.
     """
     value_spans = []
     for span in spans:

@@ -164,7 +164,8 @@ class TensorChebyshev:
         link is the row of a further split. A link of -1 - k is cell k. A link of 0 means
         that there is no cell.
         """
-        # Without a split, the box is the only cell (0), or there is none (-1).
+        # Without a split, the box is the only cell (0), or there is none (-1). `bounds` has
+        # a row for each cell.
         if not self._python_splits:
             return len(self.bounds) - 1
         link = 0
@@ -230,8 +231,9 @@ class _PendingCell:
         """Set the link (a number) that leads from the halved larger cell to this cell.
 
         The link is the index of a split if this cell is halved, and -1 - k if it is the
-        finished cell k. The link is 0 if the cell is not part of the domain. Split 0 halves
-        the whole box, which is not a half of a larger cell.
+        finished cell k. The link is 0 if the cell is not part of the domain. The number 0
+        is free for this purpose: split 0 halves the whole box, and no link leads to the
+        box.
         """
         self.parent_split[self.link_index] = link
 

@@ -94,13 +94,14 @@ class TurnSolutions:
 
 @dataclass(frozen=True)
 class TurnBrackets:
-    """Intervals of the turn, each of which contains a configuration of a mechanism.
+    """Intervals of the turn in which a mechanism may have a configuration.
 
     The turn is the angle of the output link about the direction at which it points. With
     direction and turn given, all links but one (the closing link) are placed. The placed
     links determine the angle d between the axes of the two pairs of the closing link. The
     closing link has the arc a between these axes, so it fits only where the residual f =
-    cos(d) - cos(a) is 0. f changes its sign in each of the k intervals.
+    cos(d) - cos(a) is 0. f changes its sign in each of the k intervals, either at a zero or
+    by a jump.
 
     Attributes
     ----------
@@ -190,7 +191,8 @@ class DyadsWithClosingLink:
         directions
             (3, n) unit vectors in which the output link points, in the axes of the base.
         turns
-            (n,) angles (rad) of the output link about these directions.
+            (n,) angles (rad) of the output link about these directions, counted from the
+            axes that `_axes_around` chooses.
 
         Returns
         -------
@@ -253,8 +255,8 @@ class DyadsWithClosingLink:
         mode
             The dyads at n poses, as `place_dyads` returns them.
         count
-            Number of links of the mechanism. Virtual links that hold the output in its pose
-            have later numbers and are left out.
+            Number of links of the mechanism. The inverse kinematics adds virtual links,
+            which hold the output in its pose. They have later numbers and are left out.
 
         Returns
         -------
@@ -407,13 +409,15 @@ class DyadsWithClosingLink:
     ) -> tuple[Floats, Bools]:
         """Return the turn in each bracket at which the residual f changes its sign.
 
-        The turn is the angle of the output link about its direction. f is zero where the
-        closing link fits between the links that are placed as dyads (pairs of links).
+        The turn is the angle of the output link about its direction. At a given turn, the
+        other links except the closing link are placed in dyads, two at a time. f is zero
+        where the closing link fits between the placed links.
 
         Parameters
         ----------
         brackets
-            k intervals of the turn. f has different signs at the ends of each.
+            k intervals of the turn. f has different signs at the ends of each. Each
+            interval belongs to one of the n directions, with the index `brackets.row`.
         directions
             (3, n) directions of the output.
         signs
@@ -606,8 +610,8 @@ def find_closing_link(
 def merge_equal_turns(row: Indices, turn: Floats) -> tuple[Indices, Floats]:
     """Return the different turns of each direction, ordered by direction and turn.
 
-    A turn is a solution: the angle of the output link about the direction at which it
-    points. The search can find a solution twice.
+    A turn is the angle of the output link about the direction in which the link points. The
+    search finds the turns at which the mechanism closes. It can find the same turn twice.
 
     Parameters
     ----------

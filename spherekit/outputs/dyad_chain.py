@@ -363,8 +363,8 @@ class DyadChain:
         q = self.axis_in(middle_pair, link)
         # The columns of `basis` are p, q and p x q.
         basis = np.stack([p, q, np.cross(p, q)], axis=1)
-        # If p and q are parallel, the basis is singular. Least squares then return the
-        # weights of the part of the vector along p.
+        # If p and q are parallel, the basis is singular, and only the component of the
+        # vector along p can be expressed. Least squares then return its weights.
         return np.linalg.lstsq(basis, np.array(vector))[0]
 
     def is_coaxial(self, pair: int, other_pair: int, link: int) -> bool:
@@ -374,7 +374,7 @@ class DyadChain:
 
 @dataclass(frozen=True)
 class InputRates:
-    """How fast the inputs must move for any angular velocity of the output.
+    """The rates of the inputs as functions of the angular velocity of the output.
 
     For the angular velocity w of the output, the rate of an input is the fraction
     ``numerator . w / denominator``. At a singularity of type I (the input can move while
@@ -400,9 +400,7 @@ class InputRates:
 
     @property
     def type_1(self) -> Floats:
-        """(n, inputs) measure of how far each input is from a singularity of type I.
-
-        There are n poses of the output.
+        """(n, inputs) how far each input is from a singularity of type I, at n poses.
 
         The measure is the least angular speed that the output can have while this input has
         the rate 1 and the other inputs have any rates. At the singularity the measure is 0:
@@ -429,7 +427,8 @@ def invert_jacobian(jacobian: Floats, directions: Floats | None) -> InputRates:
         while input i has the rate 1 and the other one or two inputs rest.
     directions
         (n, 3) unit vectors in which the output points if there are two inputs, otherwise
-        None. A rotation of the output about its direction is ignored.
+        None. Two inputs control only this direction. The component of the output velocity
+        along it is therefore ignored.
     """
     columns = np.swapaxes(jacobian, 1, 2)
     # For two inputs, the direction is the third column, which makes the Jacobian square.

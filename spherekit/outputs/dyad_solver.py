@@ -84,9 +84,9 @@ class DyadKinematics(ClosedKinematics):
 
         To hold the output, the inverse kinematics adds a chain of two virtual links and
         three virtual pairs between the reference link and the output link. A leg of the
-        mechanism can end at the last virtual pair, which users do not know. If a real pair
-        of the output link has the same axis, its number is returned. Every other number is
-        returned unchanged.
+        mechanism can end at the last virtual pair, which users do not know. Names and
+        limits of legs therefore state a real pair of the output link with the same axis. If
+        there is one, its number is returned. Every other number is returned unchanged.
         """
         virtual_chain = self.kinematics.wrist
         if pair != virtual_chain.pairs[-1]:
@@ -100,7 +100,8 @@ class DyadKinematics(ClosedKinematics):
             if output_link not in ends:
                 continue
             real_axis = axis_in(solver.mechanism, solver.joints, real_pair, output_link)
-            # The sine of so small an arc is the arc itself (rad).
+            # The limit is a sine. It is so small that the arc (rad) practically equals its
+            # sine.
             if arc(real_axis, virtual_axis) < COLLINEAR_SINE:
                 return real_pair
         return pair
@@ -564,10 +565,14 @@ def _choose_entry_pairs(
 ) -> dict[int, EntryAngle] | None:
     """Return as many pairs as there are inputs, so that their angles give the inputs.
 
-    The mechanism without wheels gives the angles of its pairs. Candidates are the driven
-    pairs, and the pairs that the wheels turn: their angles are ratios . q + offset with the
-    inputs q. Candidates are examined in the order of their numbers. A pair is chosen if its
-    ratios are linearly independent of those of the pairs chosen before.
+    The caller solves the inverse kinematics in two steps. First it leaves the wheels out,
+    and computes the angles of the remaining pairs from a pose of the output. Then it needs
+    the inputs q. They follow from the angles of the pairs that this function chooses, the
+    entry pairs.
+
+    Candidates are the driven pairs, and the pairs that the wheels turn. Their angles are
+    ratios . q + offset. Candidates are examined in the order of their numbers. A pair is
+    chosen if its ratios are linearly independent of those of the pairs chosen before.
 
     Parameters
     ----------
@@ -576,7 +581,7 @@ def _choose_entry_pairs(
     driven
         Numbers of the driven pairs.
     carrying_pairs
-        Numbers of the pairs of the mechanism without wheels. Only they are chosen.
+        Numbers of the pairs of the mechanism without wheels. Other pairs are not chosen.
 
     Returns
     -------

@@ -416,8 +416,8 @@ def axis_and_angle(first: Floats, second: Floats) -> tuple[Floats, float]:
     xyzw = quaternion((second @ first.T)[None])[0]
     sine = float(np.linalg.norm(xyzw[:3]))
     angle = 2.0 * math.atan2(sine, abs(xyzw[3]))
-    # The error (rad) of the axis is the rounding error divided by the angle. An axis with
-    # an error above `USABLE_DIRECTION` is refused.
+    # The error (rad) of the axis is about `ORIENTATION_ROUNDING_RAD` / angle. If this is
+    # not below `USABLE_DIRECTION`, the axis is refused.
     if angle * USABLE_DIRECTION <= ORIENTATION_ROUNDING_RAD:
         raise SolveError(
             "the two orientations are equal, so the axis of rotation is not determined; "

@@ -266,15 +266,15 @@ class ForwardKinematics:
 
         Returns
         -------
-        Orientations (modes, n, 3, 3) of the output link. If the output declares a direction
-        in its link, also the directions (modes, n, 3) at which it points.
+        Orientations (modes, n, 3, 3) of the output link. If the output has a direction (a
+        unit vector that is fixed in its link), also this direction (modes, n, 3).
 
         Raises
         ------
         SolveError
-            If a group of links is no dyad (ask for `solutions` then), if a mode does not
-            have one sign for each dyad, or if the inputs are not finite or not as many as
-            the mechanism has.
+            If a group of links is no dyad (the method `solutions` has no such limit), if a
+            mode does not have one sign for each dyad, or if the inputs are not finite or
+            not as many as the mechanism has.
         """
         # Links are placed in groups, the smallest sets that are rigid when the inputs are
         # locked. Only groups that are dyads have a closed form.

@@ -298,8 +298,11 @@ class InverseKinematics:
     def legs(self) -> Names:
         """The groups of links that are solved together, as text: the kind and its pairs.
 
-        The groups are in solving order. A pointing output can turn about its direction. If
-        the arc of a link determines this turn, this link (the bar) comes last.
+        The groups are in solving order. The signs of a working mode (`modes`) have the same
+        order. For a pointing output, only the direction of an axis is given, so its link
+        could still turn about this axis. In some mechanisms, one link determines this turn:
+        its arc fits between its neighbours only at certain turns. This link is called the
+        bar and comes last.
         """
         parts = [(group.kind, group.pairs) for group in self._assembly.groups]
         if self._closing_link is not None:
@@ -383,9 +386,9 @@ class InverseKinematics:
 
             The names are the attributes of `Inverse`, where they are explained.
             """
-            # A dyad is two links joined by a pair. `reach` has the smallest angle (rad) of
-            # all dyads from being stretched or folded, and the number of the dyad with this
-            # angle.
+            # A dyad is two links joined by a pair. `reach.limiting` is the number of the
+            # dyad that is nearest to being stretched or folded. `reach.margin` is its angle
+            # (rad) from there, negative out of reach.
             reach = mode.reach()
             # `type_1` is the speed of the output per unit rate of each input. It is 0 at a
             # singularity of type I, where the input moves while the output rests.
@@ -403,10 +406,11 @@ class InverseKinematics:
                     [mode.output_normal(pair) for pair in mode.driven]
                 )
             if has_closing_link:
-                # The output link can turn about its direction. At the right turn, the two
-                # pair axes of one link (the closing link) enclose an angle equal to the arc
-                # of this link. The slope is the derivative of the cosine of the angle with
-                # respect to the turn. A small slope means a large error of the turn.
+                # The output is a direction fixed in its link, and the link can turn about
+                # it. At the right turn, the two pair axes of one link (the closing link)
+                # enclose an angle equal to the arc of this link. The slope is the
+                # derivative of the cosine of this angle with respect to the turn. A small
+                # slope means a large error of the turn.
                 results["slope"] = mode.slope
             return results
 
@@ -824,11 +828,12 @@ def _close_mode(
 ) -> WorkingMode:
     """Return the mechanism in one working mode at directions of its output.
 
-    The output link points in a direction and can turn about it. All other links but one are
-    dyads (groups of two links) that follow. The remaining one, the closing link, joins two
-    of them: the angle between its two pair axes must be its arc. The residual is the cosine
-    of this angle less the cosine of the arc. Newton's method searches a turn at which the
-    residual is 0.
+    A working mode is one way to assemble the mechanism at a pose of its output. The output
+    link points in a direction and can turn about it. Direction and turn place the output
+    link. All other links but one are then placed as dyads (groups of two links). The
+    remaining one, the closing link, joins two placed links. The angle between its two pair
+    axes must be its arc. The residual is the cosine of this angle less the cosine of the
+    arc. Newton's method searches a turn at which the residual is 0.
 
     Parameters
     ----------
@@ -837,7 +842,8 @@ def _close_mode(
     directions
         (3, n) directions of the output.
     near
-        (n, 3, 3) orientations of the output link. Newton's method starts at their turns.
+        (n, 3, 3) orientations of the output link. Newton's method starts at the turns that
+        fit these orientations best.
     signs
         The sign of each dyad, then the required sign of the slope, the derivative of the
         residual with respect to the turn. If Newton's method arrives at a turn where the
@@ -852,8 +858,9 @@ def _close_mode(
     residual = np.abs(closing_link.residual(mode))
     status = _closing_status(mode.status, residual, slope, slope_sign)
 
-    # The rate of the residual for any angular velocity of the output. The rates of the
-    # inputs depend on the rate of the residual.
+    # The rate of the residual, as a function of the angular velocity of the output. During
+    # a motion the residual stays 0. From this follows the rate of the turn, on which the
+    # rates of the inputs depend.
     residual_rate = closing_link.residual_rate(mode)
     state = ClosingLinkState(residual_rate, directions, status)
     return replace(mode, closing_link=state)
@@ -879,8 +886,8 @@ def _closing_status(
     dyad_status
         (n,) codes of `Status` of the dyads.
     residual
-        (n,) absolute error: the cosine of the angle between the axes of the closing link
-        less the cosine of its arc.
+        (n,) magnitude of the residual, which is 0 if the closing link fits. The residual is
+        the cosine of the angle between its two pair axes, less the cosine of its arc.
     slope
         (n,) derivative of the residual (with its sign) with respect to the turn.
     link_sign
@@ -888,8 +895,8 @@ def _closing_status(
     """
     status = dyad_status.copy()
     is_in_reach = dyad_status != Status.OUT_OF_REACH
-    # Near a slope of 0, half of the digits of the turn are lost. The limit is that for
-    # dyads that are nearly stretched.
+    # Near a slope of 0, half of the digits of the turn are lost. The limit of the slope is
+    # the same number as that for dyads near a dead centre.
     is_singular = np.abs(slope) < SINGULAR_DYAD_SINE
     has_other_sign = slope * link_sign <= 0.0
     # The residual divided by the slope estimates the error of the turn (rad). Where a dyad

@@ -187,7 +187,8 @@ class MidPlaneArchitecture:
     def normals_to(self, directions: Floats) -> tuple[Floats, Floats]:
         """Return the mid-planes for which the output points in given directions.
 
-        The mid-plane mirrors the base to the end effector, and a constant direction of the
+        The direction of the output is a unit vector fixed in the end effector. The
+        mid-plane mirrors the base to the end effector, and a constant direction of the
         base, `home`, to the direction of the output. The normal of the mid-plane is
         therefore along the difference of both directions.
 
@@ -317,8 +318,8 @@ class MidPlaneArchitecture:
         """Return the mid-planes that belong to orientations of the end effector.
 
         In the orientations that the mechanism can reach, base and end effector mirror each
-        other in a plane through the centre, the mid-plane. For other orientations the
-        nearest mid-plane is returned.
+        other in a plane through the centre, the mid-plane. For any other orientation, the
+        mid-plane of the nearest orientation that has one is returned.
 
         A mid-plane with the unit normal u belongs to the orientation ``frame @ mirror(u) @
         image``, where mirror(u) is the reflection in the plane. Mirror axes are a second
@@ -336,8 +337,8 @@ class MidPlaneArchitecture:
         normals
             (n, 3) unit normals in mirror axes.
         deviation
-            (n,) angle (rad) between the orientation and the nearest one that has a
-            mid-plane; 0 if it has one itself.
+            (n,) angle (rad) between the given orientation and the one that belongs to the
+            returned mid-plane. It is 0 if the given orientation has a mid-plane itself.
         """
         # Solve the formula for mirror(u). The inverse of an orthogonal matrix is its
         # transpose. `mirror_of` finds the nearest reflection.
@@ -503,9 +504,10 @@ class MidPlaneArchitecture:
 
         In this architecture, base and end effector mirror each other in a plane. The normal
         of this mid-plane and a sign for each leg then determine the orientations of all
-        links (`place`). The links are placed so at many mid-planes within reach, with all
-        combinations of the signs. Then the axes of each pair must coincide in both links of
-        the pair. The mechanism must also have two degrees of freedom.
+        links (`place`). Here `place` is called for many mid-planes within reach, with all
+        combinations of the signs. Then the axis of each pair must have the same direction
+        in both of its links. The mechanism must also have two degrees of freedom. The
+        caller compares the results with these two requirements.
 
         Returns
         -------
@@ -513,8 +515,9 @@ class MidPlaneArchitecture:
             Largest angle (rad) between the axis of a pair as carried by its first link and
             as carried by its second. In this architecture it is a rounding error.
         freedoms
-            Least number of degrees of freedom, which has to be 2. The rank of the velocity
-            equations gives this number, with the last combination of signs only.
+            Least number of degrees of freedom, which has to be 2. It follows from the rank
+            of the velocity equations at all these mid-planes. Only the last combination of
+            signs is used.
 
         Raises
         ------
@@ -616,8 +619,9 @@ class MidPlaneArchitecture:
         turns about an axis in itself, the image turns about the same axis by twice the
         angle.
 
-        The rotation is followed step by step from its start. If the start is a singular
-        configuration, the path begins at a pose shortly before the start.
+        The rotation is followed step by step from its start. The path cannot begin at a
+        singular configuration. If the start is singular, the same rotation is followed from
+        a pose `SINGULAR_START_LEAD_RAD` before the start.
 
         Parameters
         ----------

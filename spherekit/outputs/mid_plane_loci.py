@@ -461,7 +461,8 @@ class _MidPlaneCurveSearch:
         the output moves while the inputs rest. The rates of all pairs then solve two groups
         of linear equations: the velocity equations of the loops, and equations which state
         that the output (or the inputs) rest. This is possible only if the least singular
-        value of the matrix of all equations is 0. Its singular vector has the rates.
+        value of the matrix of all equations is 0. Its singular vector has the rates. The
+        caller leaves out configurations with a large residual, since they are not singular.
 
         Parameters
         ----------

@@ -89,8 +89,9 @@ class MidPlaneKinematics(ClosedKinematics):
         # `plane.reach` is the largest angle of each leg between its axis and the mid-plane.
         plane = self.form.plane
         longest = (2.0 * plane.reach).tolist()
-        # Links of some width cannot lie over each other, so a width that the user states
-        # increases the smallest angle. Chen et al. (2021, section 3) apply the width to the
+        # `shortest` is the smallest angle for links without width. If the user states a
+        # width, the caller increases it for legs with `is_limited_by_width`, whose links
+        # cannot lie over each other. Chen et al. (2021, section 3) apply the width to the
         # driven legs only.
         return tuple(
             LegSpan(
@@ -123,19 +124,24 @@ class MidPlaneKinematics(ClosedKinematics):
         of all legs (the axes between the two links of each leg). The inputs determine the
         elbows of both driven legs, and thereby the mid-plane. The elbow of each other leg
         can have two positions. The same pose is returned once for each choice of these
-        positions. No pose is returned if both driven elbows are parallel, or if the output
-        points exactly in its home direction.
+        positions. No pose is returned at an input if
+
+        - both driven elbows are parallel, so that they determine no mid-plane,
+        - the output points in its home direction, so that the signs of the legs are not
+          determined (see `InputMidPlanes`), or
+        - another leg does not reach the mid-plane.
 
         The loops can also close with an output that is no mirror image of the base, or with
         other positions of the links that hold the elbows. These configurations are not
-        searched, so no row is complete.
+        searched. So `complete` is false at all inputs: configurations may be missing.
         """
         form = self.form  # the mid-plane architecture of the mechanism
         mid_planes = self._find_mid_planes(inputs)
         row, mode = self._list_modes(mid_planes)
         # A mode has a sign, 1 or -1, for each leg, which chooses the position of its elbow.
         signs = np.array(self.modes)[mode]
-        # The residuals show whether all loops close, which is known for this architecture.
+        # The residuals are not needed: in this architecture the loops close whenever each
+        # leg reaches the mid-plane. If a leg does not reach it, values are NaN.
         values, _residuals = form.values(form.place(mid_planes.normals[row], signs))
         is_closed = np.isfinite(values).all(axis=1)
         row = row[is_closed]

@@ -479,9 +479,10 @@ class NearestPoseSearch:
     ) -> Floats | None:
         """Move a point at the border of the workspace inside, None if this fails.
 
-        The point is moved away from the limits that it nearly reaches, by the shortest of
-        `INWARD_STEPS` that leads inside. If no such step leads inside, the point is moved
-        back towards its start.
+        Rounding errors of the search can put the point slightly outside. It is moved away
+        from the limits of the workspace that it nearly reaches or slightly exceeds, by the
+        shortest of `INWARD_STEPS` that leads inside. If no such step leads inside, the
+        point is moved back towards its start.
 
         Parameters
         ----------

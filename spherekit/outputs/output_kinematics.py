@@ -223,8 +223,8 @@ class OutputKinematics:
         raise AnalysisError(
             f'{self.mechanism.name}: outputs.{self.output.name}: working mode "{text}" is '
             f"not known; give one of {listing(self.labels, MAX_LISTED_MODES)}, or a number "
-            f"from 0 to {len(self.modes) - 1}. The signs belong to these parts, in this "
-            f"order: {'; '.join(self.legs)}"
+            f"from 0 to {len(self.modes) - 1}. A working mode has one sign for each of "
+            f"these parts, in this order: {'; '.join(self.legs)}"
         )
 
     def inverse(

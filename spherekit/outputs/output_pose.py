@@ -150,9 +150,10 @@ class PoseCandidates(ArrayRows):
         Parameters
         ----------
         mode
-            The signs of the assembly mode of the configuration, such as ``+-+``, or its
-            number as text. If several configurations have these signs, the first one is
-            meant.
+            The signs of the assembly mode of the configuration, such as ``+-+``, or the
+            index of the configuration as text. If several configurations have these signs,
+            the first one is meant. Each sign says in which of two ways a dyad (group of two
+            links) or a leg is assembled, see `labels`.
 
         Raises
         ------

@@ -60,8 +60,9 @@ class ModeAtPoses(Protocol):
     def type_1(self) -> Floats:
         """(n, inputs) least angular speed of the output per unit rate of each input.
 
-        One input has the rate 1 and the others have any rates. The speed is 0 at a
-        singularity of type I, because the output rests there although this input moves.
+        One input has the rate 1. The others have the rates that make the speed least. The
+        speed is 0 at a singularity of type I, because the output rests there although this
+        input moves.
         """
 
     @property
@@ -95,18 +96,18 @@ class LegSpan(NamedTuple):
     """The reach of a leg: the range of the angle between its two outer axes.
 
     A leg has two links and three axes. The leg closes only if the angle between the first
-    and the last axis is in this range.
+    and the last axis is in this range. So the range limits the workspace.
 
     Attributes
     ----------
     first_pair, second_pair
         Numbers of the pairs with the outer axes. If wheels drive the legs, these are
-        numbers in the mechanism without wheels, in which pairs are numbered anew.
+        numbers in the mechanism without the wheels (`LimitedOutput.carrying`).
     shortest, longest
-        Smallest and largest angle (rad) at which the leg closes.
+        Smallest and largest angle (rad) at which the leg closes, for links without width.
     is_limited_by_width
-        Whether a width of the links, if the user states one, increases the smallest angle:
-        links of some width cannot lie over each other.
+        Whether the smallest angle is larger for links of some width, which cannot lie over
+        each other. This matters only if the user states a width.
     """
 
     first_pair: int
@@ -187,12 +188,15 @@ class Constraints:
     apart
         Ranges of angles between the axes of two pairs, so that links do not collide.
     near
-        Least distance to singularities of type I of every input and of type II, as an angle
-        (rad); 0 for no limit. The distance is arcsin(min(m, 1)) with a measure m that is 0
-        at the singularity. For type I (the input moves while the output rests), m is the
-        least angular speed of the output per unit rate of the input, for any rates of the
-        other inputs. For type II (the output can move although the inputs are locked), m is
-        the transmission measure: how well the locked inputs hold the output.
+        Least allowed distance to singularities, as an angle (rad); 0 for no limit. It
+        applies to type I of every input, and to type II. The distance is arcsin(min(m, 1)),
+        where the measure m is 0 at the singularity.
+
+        At a singularity of type I, one input moves while the output rests. Its m is the
+        angular speed of the output per unit rate of this input. Of all rates of the other
+        inputs, those that make this speed least are taken. At a singularity of type II, the
+        output can move although the inputs are locked. Its m is the transmission measure,
+        which says how well the locked inputs hold the output.
     width, radius
         Width of the links and radius of the sphere that they are on, in the same unit of
         length; 0 for no limit. A leg has two links and three axes. If it can fold so that
@@ -526,11 +530,11 @@ def _is_always_kept(
     """
     where = f"{limit.one}/{limit.other}"
     if pair == other_pair:
-        raise _error(mechanism, f"apart: {where} names the same axis twice; name two axes")
+        raise _error(mechanism, f"parameter apart: {where} names the same axis twice; name two axes")
     if not 0.0 <= limit.low <= limit.high <= np.pi:
         raise _error(
             mechanism,
-            f"apart: {where}: {_format_degrees(limit.low)} to "
+            f"parameter apart: {where}: {_format_degrees(limit.low)} to "
             f"{_format_degrees(limit.high)} is not a range; give the least angle between "
             "the axes and then the largest one, both from 0 to 180 deg",
         )
@@ -546,7 +550,7 @@ def _is_always_kept(
         if not limit.low - tolerance <= angle <= limit.high + tolerance:
             raise _error(
                 mechanism,
-                f"apart: {where}: both axes are on one link, always "
+                f"parameter apart: {where}: both axes are on one link, always "
                 f"{_format_degrees(float(angle))} apart, not "
                 f"{_format_degrees(limit.low)} to {_format_degrees(limit.high)}",
             )
@@ -624,7 +628,7 @@ def _limit_pairs(
         if not -np.inf < limit.low <= limit.high < np.inf:
             raise _error(
                 mechanism,
-                f"limits: {limit.pair}: {range_text} is not a range; give the lower limit "
+                f"parameter limits: {limit.pair}: {range_text} is not a range; give the lower limit "
                 "first",
             )
         middle = 0.5 * (limit.low + limit.high)
@@ -636,7 +640,7 @@ def _limit_pairs(
             if previous.pair == limit.pair and is_apart:
                 raise _error(
                     mechanism,
-                    f"limits: {limit.pair} cannot be within "
+                    f"parameter limits: {limit.pair} cannot be within "
                     f"{_format_degrees(previous.low)} to {_format_degrees(previous.high)} "
                     f"and within {range_text}; these limits contradict each other",
                 )
@@ -686,7 +690,7 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
     if not 0.0 <= near < 0.5 * np.pi:
         raise _error(
             mechanism,
-            f"near: {_format_degrees(near)} is out of range; give an angle of at least 0 "
+            f"parameter near: {_format_degrees(near)} is out of range; give an angle of at least 0 "
             "and less than 90 deg. The workspace leaves out poses at which the singularity "
             "measure of type I or of type II is less than the sine of this angle",
         )
@@ -746,12 +750,12 @@ def _find_pair(kinematics: LimitedOutput, option: str, name: str) -> int:
         # A text such as `; did you mean "41"?`. It is empty if no name is similar.
         suggestion = nearest(name, carrying_numbers)
         reason = (
-            f'{option}: no pair is named "{name}"{suggestion or "."} '
+            f'parameter {option}: no pair is named "{name}"{suggestion or "."} '
             f"Pairs: {listing(carrying_numbers)}"
         )
         if name in kinematics.mechanism.pair_number:
             reason = (
-                f"{option}: {name} is the pair of a wheel that does not carry the output"
+                f"parameter {option}: {name} is the pair of a wheel that does not carry the output"
             )
         raise _error(kinematics.mechanism, reason)
     return carrying_numbers[name]

@@ -15,18 +15,20 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     """Return the output's angular velocity per unit rate of each input.
 
     Column i of the result is the angular velocity while input i has the rate 1 and the
-    others are locked. The rates of the inputs per unit angular velocity form a matrix
-    (inputs, 3). With two inputs, the direction of the output is added as a third row. The
-    result is the inverse of this matrix, without the column that belongs to the direction.
+    others are locked. A matrix (inputs, 3) takes the angular velocity of the output to the
+    rates of the inputs. With two inputs, the output is the direction of a link, and the
+    unit vector along it is added as a third row. So the angular velocity has no component
+    along the direction. The result is the inverse of this matrix, without the column that
+    belongs to the direction.
 
     Parameters
     ----------
     rates
-        (k, inputs, 3) rates of the inputs per unit angular velocity of the output, at k
-        configurations.
+        (k, inputs, 3) the matrices at k configurations. The three columns have the rates of
+        the inputs while the output turns about x, y or z at unit rate.
     directions
-        (k, 3) if there are two inputs, the unit vector in which the output link points. The
-        angular velocities are at right angles to it. None for three inputs.
+        (k, 3) if there are two inputs, the unit vectors in which the output link points.
+        None for three inputs.
 
     Returns
     -------

@@ -247,9 +247,9 @@ class TimeScaling:
     def binding(self) -> Extreme:
         """The speed or acceleration that sets the duration.
 
-        Of all largest speeds and accelerations, this one needs the longest duration. Its
-        limit is reached, unless the duration was rounded up to whole cycles of the
-        controller.
+        Each input has a largest speed and a largest acceleration, with a limit for each.
+        The returned one needs the longest duration to keep its limit. Its limit is reached,
+        unless the duration was rounded up to whole cycles of the controller.
         """
 
         def required_duration_ratio(extreme: Extreme) -> float:
@@ -296,7 +296,9 @@ class TimeScaling:
 
     @checked(SolveError)
     def table(self, samples: int) -> Trajectory:
-        """Return the inputs at equally spaced times, both ends included.
+        """Return the inputs of the mechanism at equally spaced times of the schedule.
+
+        The times include the start and the end.
 
         Parameters
         ----------
@@ -305,8 +307,8 @@ class TimeScaling:
             ignored, and the times are those at which cycles begin or end.
         """
         if self.cycle is not None:
-            # The duration is a whole number of cycles, up to rounding errors. `round` and
-            # `minimum` remove these.
+            # The duration is a whole number of cycles, up to rounding errors. `round` gives
+            # this number. `minimum` keeps the last time from exceeding the duration.
             cycle_count = round(self.duration / self.cycle)
             ticks = np.arange(cycle_count + 1)
             return self.at(np.minimum(ticks * self.cycle, self.duration))

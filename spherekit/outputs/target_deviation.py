@@ -509,8 +509,8 @@ class TargetDeviation:
     def _convex_stiffness(self) -> Floats:
         """Return a stiffness (n, freedoms, freedoms) for steps that decrease the angle a.
 
-        a is the angle between the output link and its target. The `stiffness` is the second
-        derivative of a^2 / 2 with respect to the motions that keep the loops closed. Where
+        a is the angle between the output link and its target. The attribute `stiffness` is
+        the second derivative of a^2 / 2 along motions that keep the loops closed. Where
         the stiffness is not clearly positive definite, a Newton step could increase the
         angle. The stiffness is replaced there by the Gauss-Newton matrix W^T W, which has
         no negative eigenvalues. The columns of W are the angular velocities of the output
@@ -518,12 +518,12 @@ class TargetDeviation:
         """
         # `free_output_rates` is W.
         gauss_newton = transpose(self.free_output_rates) @ self.free_output_rates
-        # The eigenvalues of W^T W are the squares of the singular values of W, and
-        # `output_singular_value` is the smallest of these.
+        # The eigenvalues of W^T W are the squares of the singular values of W. The smallest
+        # singular value is `output_singular_value`.
         #
         # If the link is on its target, both matrices are equal, and so are their smallest
-        # eigenvalues. Elsewhere, the smallest eigenvalue of the stiffness must be at least
-        # a part of the smallest eigenvalue of W^T W.
+        # eigenvalues. Elsewhere, the smallest eigenvalue of the stiffness must exceed
+        # `MIN_CONVEXITY_RATIO` times that of W^T W.
         least_gauss_newton_eigenvalue = self.output_singular_value**2
         # `least_eigenvalue` is the smallest eigenvalue of the stiffness.
         is_convex = (
@@ -560,13 +560,14 @@ class TargetDeviation:
     def rates(self, axis: Floats) -> TargetRates:
         """Return how the configurations change while the target turns about an axis.
 
-        The configurations must be nearest to the target: they must have the smallest angle
-        between the output link and its target orientation. The target turns by the angle
-        theta. There are two cases:
+        The target is an orientation of the output link, and turns by the angle theta. Each
+        configuration must be the one nearest to the target: the angle between the output
+        link and the target is smallest there. There are two cases:
 
         - The output link follows the target exactly. The rotation of the link then adds
           three equations to the equations of the loops.
-        - The output link cannot follow, and stays as near as possible to the target.
+        - The output link cannot follow. It moves so that the angle to the target stays
+          smallest.
 
         Parameters
         ----------
@@ -616,13 +617,14 @@ class TargetDeviation:
         first = np.matvec(self.system_inverse, velocity_right)
         velocity_misfit = np.matvec(self.system, first) - velocity_right
 
-        # J' x' and G' x', with the changes of the Jacobians at the rates x'.
+        # J' x' and G' x'. J' and G' are the derivatives of the Jacobians with respect to
+        # theta, while the variables have the rates x'.
         loop_bias, output_bias = self._velocity_biases(first, self._vector_rates(first))
         acceleration_right = -np.concatenate([loop_bias, output_bias], axis=1)
         second = np.matvec(self.system_inverse, acceleration_right)
         acceleration_misfit = np.matvec(self.system, second) - acceleration_right
         # Near singular configurations the right side and its rounding errors are large, so
-        # the misfit is relative to 1 + its size.
+        # the misfit is divided by 1 + the size of the right side.
         acceleration_misfit /= 1.0 + max_abs(acceleration_right, axis=1)[:, None]
 
         misfit = max_abs(np.hstack([velocity_misfit, acceleration_misfit]), axis=1)

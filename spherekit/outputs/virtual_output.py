@@ -221,9 +221,11 @@ def _add_to_pose(
     """Return a reference pose with the axes and angles of three virtual pairs added.
 
     Two virtual links and three virtual pairs in series hold the output link in its pose.
-    The angles of these pairs are the coordinates of the pose. The first axis is z of the
-    base, and the third axis the direction of the output. The second axis, the tilt axis, is
-    at right angles to the other two.
+    The angles of these pairs are the coordinates of the pose. They can be inputs of the
+    mechanism, so that its pairs follow from a given pose of the output.
+
+    The first axis is z of the base, and the third axis is the direction of the output. The
+    second axis, the tilt axis, is at right angles to the other two.
 
     Parameters
     ----------
@@ -233,7 +235,7 @@ def _add_to_pose(
         Names of the three virtual pairs.
     direction
         Direction of the output in the reference pose. For an output that is an orientation,
-        the z axis of the output link, about which the third Euler angle turns.
+        it is the z axis of the output link. The third Euler angle turns about this axis.
     """
     azimuth, tilt = azimuth_tilt(np.array([direction]))[0].tolist()
     tilt_axis = (-float(np.sin(azimuth)), float(np.cos(azimuth)), 0.0)

@@ -153,11 +153,13 @@ def _combine_equivalent_lengths(
     lengths: Floats,
     lengths_at_zero: Floats,
 ) -> Floats:
-    """Return combinations of rolled lengths that differ by whole revolutions of wheels.
+    """Return sets of rolled lengths that differ by whole revolutions of wheels.
 
     A rolled length is the arc (rad) that one wheel has rolled on another. Wheels look the
-    same after a whole revolution, so the lengths of an assembly are known only up to such
-    revolutions.
+    same after a whole revolution. So lengths that close the loops do not show how many
+    revolutions the wheels have made. For each contact, several lengths are possible. The
+    result has their combinations, one length for each contact. The caller keeps the sets of
+    lengths that some values of the inputs produce.
 
     Parameters
     ----------
@@ -167,18 +169,19 @@ def _combine_equivalent_lengths(
         The object whose `variables` are the numbers of the variables that are rolled
         lengths.
     lengths
-        (m,) rolled lengths (rad), one for each contact.
+        (m,) rolled lengths (rad) that close the loops, one for each contact.
     lengths_at_zero
-        (m,) rolled lengths (rad) at inputs of zero.
+        (m,) rolled lengths (rad) at inputs of zero. Lengths near these are preferred.
 
     Returns
     -------
-    (n, m) rolled lengths (rad). There are at most `MAX_LENGTH_COMBINATIONS`, so in a
+    (n, m) rolled lengths (rad). There are at most `MAX_LENGTH_COMBINATIONS` sets, so in a
     mechanism with many contacts some combinations are missing.
     """
     closure = held_solver.closure
-    # For each contact the changes of the length from inputs of zero that differ by whole
-    # revolutions, the smallest absolute values first.
+    # A change is the difference between a length and the length at inputs of zero. For each
+    # contact, the list has the given change, and those that differ from it by whole
+    # revolutions of a wheel. The smallest absolute values come first.
     equivalent_changes = []
     changes = lengths - lengths_at_zero
     for variable, change in zip(gear_phases.variables, changes, strict=True):
@@ -295,8 +298,9 @@ def _solve_input_revolutions(gear_phases: GearPhases, q: Floats, lengths: Floats
 def _list_inputs_of_one_period(gear_phases: GearPhases, q: Floats) -> Floats:
     """Return inputs that differ from q by whole revolutions, over one period of the wheels.
 
-    After one period of an input, all wheels are in their first positions again, so other
-    inputs would repeat these positions.
+    The caller looks among these inputs for those that give certain rolled lengths. After
+    one period of an input, all wheels are in their first positions again. Inputs beyond one
+    period would only repeat these positions.
 
     Parameters
     ----------
@@ -313,8 +317,8 @@ def _list_inputs_of_one_period(gear_phases: GearPhases, q: Floats) -> Floats:
     wheel remain as they are.
     """
     rolls_wheels = max_abs(gear_phases.ratios, axis=0) > GEAR_RATIO_TOLERANCE
-    # (inputs,) half a period, and the most revolutions that are tried.
-    half_period = np.ceil(0.5 * np.asarray(gear_phases.periods) / TURN)  # in revolutions
+    # (inputs,) whole revolutions in half a period, and the most revolutions from q.
+    half_period = np.ceil(0.5 * np.asarray(gear_phases.periods) / TURN)
     limited_half_period = np.minimum(MAX_INPUT_REVOLUTIONS, half_period)
     most_revolutions = np.where(rolls_wheels, limited_half_period, 0).astype(int)
     revolutions_of_inputs = [range(-most, most + 1) for most in most_revolutions.tolist()]

@@ -156,10 +156,13 @@ class MiddleAxisParts:
 class PairRateEquation:
     """The equation for the rate of one pair of a dyad, at n poses.
 
+    The equation gives the rate from the motion of the supports, the two links to which the
+    dyad is joined.
+
     A dyad is two links, joined by a middle pair with the axis b. The near pair (axis a) and
-    the far pair (axis c) join the dyad to two other links, its supports, with the angular
-    velocities w_near and w_far. The rate of a pair is the rate of one of its links, the
-    moving link, as seen from its other link. The moving link is the near link for the
+    the far pair (axis c) join the dyad to its near and its far support. These have the
+    angular velocities w_near and w_far. The rate of a pair is the rate of one of its links,
+    the moving link, as seen from its other link. The moving link is the near link for the
     near pair, and the far link for the other two pairs. With the rates A, B, C of the three
     pairs, the angular velocity of the far link is
 
@@ -187,7 +190,7 @@ class PairRateEquation:
 
 @dataclass(frozen=True)
 class LinkVector:
-    """A vector that is fixed in a link, in the axes of the base and of a pair of the link.
+    """A vector fixed in a link, with components in the base and in the frame of a pair.
 
     Pair angles are measured between two such vectors.
 
@@ -595,6 +598,9 @@ class WorkingMode:
 
         A dyad is two links with three pairs. The middle pair joins the links to each other.
         The near and the far pair, with the axes a and c, join them to links placed before.
+        The axis b can lie on two sides of the plane through a and c. The sign of the dyad
+        in the mode (1 or -1) selects the side.
+
         The axis b is (3, n), the product (n,). Both are NaN where a and c are at an angle
         that the two links cannot bridge. The axis is also NaN where a and c are parallel.
         """
@@ -602,9 +608,11 @@ class WorkingMode:
         # Record that the result depends on the sign of this dyad. Modes in which this sign
         # is equal share the result.
         self.recorded_dyads.add(dyad_number)
-        # The side of the plane through a and c on which b is, 1 or -1. With the sign 1 of
-        # this dyad in the mode, the side is `positive_mode_side`.
+        # The side, 1 or -1, is the sign of b . (a x c). A dyad with the sign 1 has b on the
+        # side `positive_mode_side`, and with the sign -1 on the other side.
         side = self.signs[dyad_number] * self.chain.dyads[dyad_number].positive_mode_side
+        # The two positions of b are mirror images about the plane. They have the same part
+        # in the plane (`common_part`), and opposite parts at right angles to it.
         axis = parts.common_part + side * parts.signed_part
         return axis, side * parts.triple_product
 
@@ -670,9 +678,10 @@ class WorkingMode:
         variable is 0.
         """
         first_link, second_link = self.chain.ends[pair]
-        # Each vector is known in two sets of axes: at the poses in the axes of the base,
-        # and in a frame of the pair that is fixed in the link. If the variable is 0, the
-        # frames in both links coincide.
+        # Each vector has two sets of components. Those in the axes of the base give the
+        # angle at the poses. The others are in a frame of the pair that is fixed in the
+        # link. If the variable is 0, the frames in both links coincide, so the components
+        # in these frames give the angle at zero.
         first_vector = self._find_vector_off_axis(pair, first_link)
         second_vector = self._find_vector_off_axis(pair, second_link)
         axis = self.axis(pair, second_link)

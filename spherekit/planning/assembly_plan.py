@@ -293,11 +293,13 @@ def _split_with_redundancy(
 ) -> tuple[Group, ...]:
     """Return the groups of a rigid structure in which some constraints repeat others.
 
-    A group is a smallest rigid part, which can be placed by itself. An example of repeated
-    constraints is two wheels on a common carrier that roll on each other: the carrier
-    already keeps them in touch. If all repeated constraints are of this kind, they are left
-    out of the count of constraints, and the groups can be found. In all other cases, all
-    bodies are one group.
+    With its inputs locked, a mechanism is a rigid structure. A group is a smallest part of
+    it that is rigid by itself. The positions of the links are later solved group by group.
+
+    The groups are found by counting constraints, so a repeated constraint must not count.
+    An example is two wheels on a common carrier that roll on each other: the carrier
+    already keeps them in touch. Repeated constraints of this kind are left out of the
+    count. If there are others, the groups are not known, and all bodies are one group.
 
     Parameters
     ----------
@@ -364,9 +366,10 @@ def split_into_groups(
     # A structure keeps the three degrees of freedom of one rigid body.
     if open_pairs and not (is_independent and freedoms_left == BODY_FREEDOMS):
         raise CountError(
-            f"{mechanism.name}: {len(joined_bodies)} bodies joined by {len(open_pairs)} "
-            "pairs are not a rigid structure without redundant constraints: either the "
-            "bodies can still move, or constraints are redundant"
+            f"{mechanism.name}: {len(open_pairs)} pairs do not join "
+            f"{len(joined_bodies)} bodies rigidly with just as many constraints as "
+            "necessary: either the bodies can still move relative to each other, or "
+            "some constraints are redundant"
         )
 
     # The smallest rigid part is a group, and becomes one body. Then the next one follows.

@@ -69,6 +69,10 @@ class GearMesh(NamedTuple):
     def angle_factors(self, first_sine: Any, second_sine: Any) -> dict[int, Any]:
         """Return the factor of each pair variable in sin(r) f - sin(s) g.
 
+        This expression is constant while the wheels roll on each other: sin(r) f and sin(s)
+        g are the lengths that they have rolled. So the factors are the coefficients of a
+        linear equation between pair variables.
+
         The first wheel has the radius r (rad on the unit sphere), and the second one s. The
         wheels rotate by f and g relative to their carrier. If they touch from outside, one
         of the angles is counted in the opposite sense, so that f and g grow together. Each

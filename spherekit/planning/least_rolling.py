@@ -111,9 +111,11 @@ def _find_changes_by_turns(
 ) -> dict[tuple[int, int], Floats]:
     """Return how one turn along each circle changes the rolled lengths of all m contacts.
 
-    Each contact of two wheels has two arc lengths at wheel angles of 0, one along each
-    circle: `lengths` (m, 2). From them, the angles a of the wheels and then the rolled
-    lengths are computed:
+    The caller tries turns along these circles to find the assembly in which the wheels have
+    rolled least. All inputs are zero, and the pairs that turn with the wheels have unknown
+    angles a. The rolled length of a contact is the arc length from the points that touch
+    first to the point that touches now. `lengths` (m, 2) are these arc lengths at a = 0
+    along both circles of each contact. From them, a and the rolled lengths are computed:
 
         1. a = inverse @ (lengths[:, 0] - lengths[:, 1])
         2. rolled lengths = lengths[:, 0] - first_slopes @ a

@@ -22,8 +22,9 @@ DYAD_BODIES = 3
 def merge_locked_links(mechanism: Mechanism, locked: Iterable[int]) -> tuple[int, ...]:
     """Return, for each link, the number of its body, if some pairs (joints) are locked.
 
-    A body consists of all links that locked pairs join to each other. The number of a body
-    is the smallest index of its links.
+    A body consists of all links that locked pairs join to each other. They do not move
+    relative to each other, so the caller treats them as one link. The number of a body is
+    the smallest index of its links.
 
     Parameters
     ----------
@@ -339,10 +340,11 @@ def inputs_to_declare(mobility: int) -> str:
 
 
 def _play_on_links(mechanism: Mechanism) -> PebbleGame:
-    """Count the degrees of freedom of all links and pairs, and return the count.
+    """Count the degrees of freedom of all links and pairs, and return the finished count.
 
-    The pebble game is the algorithm of this count. Each link begins with three degrees of
-    freedom (pebbles). Each constraint of a pair removes one of them unless it is redundant.
+    The count is done by an algorithm named pebble game. Each link begins with three degrees
+    of freedom (pebbles). Each constraint of a pair removes one of them unless it is
+    redundant.
 
     Raises
     ------

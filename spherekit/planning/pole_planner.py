@@ -170,7 +170,8 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
         The requested poles of bodies.
     """
     # Collect the requested poles, and all poles from which these follow. The stack has the
-    # poles that still have to be collected.
+    # poles that still have to be collected. `sources_by_pole` has for each pole the poles
+    # from which it is computed.
     sources_by_pole = _choose_sources(whole_plan)
     needed_poles: set[Pole] = set()
     stack = list(requested)

@@ -164,7 +164,9 @@ def _find_line_poles(
     poles: Iterable[Pole],
     pass_number: int,
 ) -> list[LinePole]:
-    """Return a step for each unknown pole that lies on at least two different known lines.
+    """Return a plan step for each unknown pole that lies on two or more known lines.
+
+    A plan is a sequence of steps, each of which constructs poles from those known before.
 
     A pole P_ij is the axis of the relative rotation of the bodies i and j. It lies on the
     great circle through P_ik and P_jk for every third body k. At a sliding contact of i and
@@ -355,7 +357,7 @@ def _choose_opening(
         return -great_circle_count, pole
 
     # Not all poles can be tried as opening pole. The time of a trial grows with the square
-    # of the number of poles, so fewer are tried in large parts.
+    # of the number of poles, so fewer are tried in a block with many poles.
     max_trials = max(1, MAX_OPENING_WORK // len(block.poles) ** 2)
     tried_poles = sorted(block.poles, key=most_lines_first)[:max_trials]
     opened_blocks = [

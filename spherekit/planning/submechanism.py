@@ -27,10 +27,13 @@ def moving_pairs(
 ) -> tuple[int, ...]:
     """Return the pairs on which the relative positions of some links depend, rising.
 
-    Other pairs can be left out of a computation. With locked inputs, a mechanism is put
-    together group after group. A group is a set of bodies that its pairs join into one
-    rigid body. The result has the inputs, and the pairs of the groups, that are needed to
-    join the links into one rigid body.
+    The singularities of an output are computed with these pairs only, without the others.
+
+    With locked inputs, a mechanism is put together group after group. A group is a set of
+    bodies that its pairs join into one rigid body. In the end all links are one rigid body.
+    Some inputs and groups can be left out, and the given links still become parts of one
+    rigid body. Then their relative positions do not depend on these inputs and groups. The
+    result has the remaining inputs, and the pairs of the remaining groups.
 
     Parameters
     ----------
@@ -43,8 +46,9 @@ def moving_pairs(
     """
     requested_links = frozenset(links)
     needed_groups = placing_groups(mechanism, assembly, requested_links)
-    # With these groups and all inputs locked, the links are one rigid body. An input is not
-    # needed if the links remain one rigid body without its lock. Then it stays unlocked.
+    # With these groups and all inputs locked, the links are one rigid body. Each input is
+    # unlocked as a trial. If the links remain one rigid body, the input is not needed. It
+    # then stays unlocked while the next inputs are tried.
     needed_inputs = list(assembly.inputs)
     for pair in assembly.inputs:
         remaining_inputs = [needed for needed in needed_inputs if needed != pair]
@@ -63,8 +67,9 @@ def placing_groups(
 ) -> list[Group]:
     """Return the groups that are needed to place some links relative to each other.
 
-    A group is a set of bodies that become one rigid body when all its pairs are closed. The
-    inputs of the mechanism are locked.
+    The other groups have no influence on the relative positions of these links. A group is
+    a set of bodies that become one rigid body when all its pairs are closed. The inputs of
+    the mechanism are locked.
 
     Parameters
     ----------
@@ -80,7 +85,7 @@ def placing_groups(
     The needed groups in the same order.
     """
     needed_groups = list(assembly.groups)
-    # Later groups are tried first, since groups need only earlier ones.
+    # A group can need earlier groups, never later ones. So later groups are tried first.
     for group in reversed(assembly.groups):
         remaining_groups = [needed for needed in needed_groups if needed is not group]
         # A group is left out if the links are one rigid body without it.

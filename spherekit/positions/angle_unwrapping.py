@@ -84,7 +84,9 @@ class RevolutionSteps(NamedTuple):
 class PeriodicInputs(NamedTuple):
     """Inputs written as a number of whole periods, plus a remainder.
 
-    A period is a growth of the input after which the configurations repeat.
+    A period is a growth of the input after which the configurations repeat. At the
+    remainders, angles of pairs are compared with those of a followed curve. In each whole
+    period, the angles gain fixed numbers of revolutions.
 
     Attributes
     ----------
@@ -158,7 +160,8 @@ class UnwrappedStretch:
         A stretch is a range of the input over which configurations were followed as a
         curve. With the revolutions added, each passive angle (of a pair without an input)
         is a continuous function of the input. The angle is in (-pi, pi] at the reference
-        input. Configurations repeat when the input grows by a period.
+        input (see the class). When the input has grown by a period, the configurations
+        repeat, except that angles may have gained whole revolutions.
 
         Parameters
         ----------
@@ -183,12 +186,12 @@ class UnwrappedStretch:
         is_on_stretch = shifted_inputs <= highest
         # A larger deviation shows that the configuration belongs to another mode.
         is_on_stretch &= to_curve.deviation < SAME_MODE_TOLERANCE_RAD
-        # Begin with the revolutions that lead from the given angles to those of the curve.
-        # In each subtracted period, the angles gain `winding` revolutions. The angles of
-        # the curve are `reference_revolutions` outside (-pi, pi] at the reference input.
+        # The revolutions to add are:
+        # 1. Those from the given angles to the angles of the curve.
+        # 2. Those that the angles gain in the subtracted periods: `winding` in each.
+        # 3. Less those by which the curve is outside (-pi, pi] at the reference input.
         gained_revolutions = subtracted_periods[:, None] * self.winding
-        curve_revolutions = gained_revolutions - self.reference_revolutions
-        revolutions = to_curve.revolutions + curve_revolutions
+        revolutions = to_curve.revolutions + gained_revolutions - self.reference_revolutions
         return np.where(is_on_stretch[:, None], revolutions, np.nan)
 
     @property
@@ -668,6 +671,9 @@ def _count_on_stretch(
 ) -> Indices:
     """Count the revolutions of the pair angles of configurations that are on a stretch.
 
+    The revolutions make the passive angles (of pairs without an input) continuous functions
+    of the input. The caller looks for the remaining configurations on other stretches.
+
     Parameters
     ----------
     stretch
@@ -677,8 +683,9 @@ def _count_on_stretch(
     rows
         (k,) indices of the configurations that are looked for on the stretch.
     revolutions
-        (n, angles) whole revolutions to add to the pair angles. These rows are changed in
-        place. Rows of configurations that are not on the stretch become NaN.
+        (n, angles) whole revolutions to add to the passive angles. The rows of the k
+        configurations are changed in place. They become NaN for configurations that are not
+        on the stretch.
 
     Returns
     -------

@@ -200,10 +200,11 @@ def _combine_group_modes(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
     """Return the configurations at inputs q (inputs,), placing group after group of links.
 
     A group can close in several ways, its modes. Each mode of a group is combined with all
-    modes of the groups after it.
+    modes of the groups after it. At most `MAX_CONFIGURATIONS` configurations are returned.
     """
-    # One mode more than the limit is requested, to see whether there are more modes than
-    # the limit.
+    # `placements` are the modes of the whole mechanism. `methods` has for each group the
+    # method that found its modes. One mode more than the limit is requested, to see whether
+    # there are more modes than the limit.
     placements, methods = enumerate_modes(solver, q[None], MAX_CONFIGURATIONS + 1)
     is_truncated = len(placements) > MAX_CONFIGURATIONS
     placements = placements[:MAX_CONFIGURATIONS]
@@ -211,8 +212,8 @@ def _combine_group_modes(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
         description = (
             f"the first {MAX_CONFIGURATIONS} configurations are kept, and there are more"
         )
-        # The doubt, from 0 to 1, says how likely a configuration is missing. The largest
-        # doubt of all groups counts, so one group is marked, here the last one.
+        # A doubt of 1 says that modes may have been left out. The largest doubt of all
+        # groups counts. So it is enough to give one group this doubt, here the last one.
         methods[-1] = SolutionMethod(description, doubt=1.0)
     variable_count = len(solver.mechanism.variable_owners)
     values = [placement.state.values[0] for placement in placements]
@@ -265,10 +266,12 @@ def _search_in_gear_phase(
 
 
 def enumerate_modes(solver: PositionSolver, q: Floats, max_modes: int) -> ModeEnumeration:
-    """Return the assembly modes of a mechanism that close at any of some inputs.
+    """Return the assembly modes of a mechanism at n given values of the inputs.
 
     The links are placed in groups, one after another. A group can close in several ways,
-    its modes. Each mode of a group is combined with all modes of the groups after it.
+    its modes. Each mode of a group is combined with all modes of the groups after it. A
+    mode is returned if all its groups close together at one or more of the n values. At the
+    other values `state.is_open` is true in the placement of the mode.
 
     Parameters
     ----------
@@ -283,8 +286,8 @@ def enumerate_modes(solver: PositionSolver, q: Floats, max_modes: int) -> ModeEn
 
     Returns
     -------
-    The placed bodies in each mode, and the method of each group. The methods tell whether
-    modes may be missing.
+    The placed bodies in each mode, and for each group the method that found its modes. The
+    methods tell whether modes may be missing.
     """
     group_count = len(solver.assembly.groups)
     methods: list[SolutionMethod | None] = [None] * group_count
@@ -311,7 +314,7 @@ def enumerate_modes(solver: PositionSolver, q: Floats, max_modes: int) -> ModeEn
                 ModePlacement((*placement.signs, sign), next_state)
             )
 
-    # Samples at which a dyad does not close give NaN, without warnings.
+    # Samples at which a dyad does not close must not give warnings of NumPy.
     with np.errstate(invalid="ignore", divide="ignore"):
         modes = place_next_groups(ModePlacement(signs=(), state=solver.start(q)))
         return ModeEnumeration(list(islice(modes, max_modes)), methods)
@@ -325,14 +328,14 @@ def _place_group_modes(
     Parameters
     ----------
     solver
-        The mechanism.
+        Solver of the positions of the mechanism.
     state
         The bodies placed so far, which are not changed.
     position
         Position of the group in the order of placing.
     q
-        (n, inputs) values of the inputs (rad). For groups other than dyads (two links) and
-        trains of wheels n is 1.
+        (n, inputs) values of the inputs (rad). Dyads (groups of two links) and trains of
+        wheels can be placed at many values at once. For any other group, n is 1.
 
     Returns
     -------

@@ -387,7 +387,8 @@ class ArcCurve(Chords):
     def returns_after(self, variable: int, period: float) -> float:
         """Return the growth of a variable after which the same configurations return.
 
-        The result is infinite if no such growth is known.
+        From it callers find how often parts of the curve are repeated in a range of the
+        variable. The result is infinite if no such growth is known.
 
         Parameters
         ----------
@@ -395,8 +396,9 @@ class ArcCurve(Chords):
             Index of the variable.
         period
             Growth (rad) of the variable after which all configurations of the mechanism
-            return. Infinite if wheels follow the variable by gear ratios and no such growth
-            is known. NaN if there are wheels, but none follows the variable.
+            return: 2 pi if no wheels roll on each other. Infinite if wheels follow the
+            variable by gear ratios and no such growth is known. NaN if wheels roll on each
+            other, but none follows the variable by a gear ratio.
         """
         if np.isfinite(period):
             return period
@@ -405,8 +407,9 @@ class ArcCurve(Chords):
         growth_in_lap = abs(self.rise[variable])
         if growth_in_lap != 0.0:
             return growth_in_lap
-        # The variable has no growth in a lap. If no wheel counts its revolutions, the angle
-        # plus 2 pi is the same position.
+        # The variable has no growth in a lap, or the curve is open. On a closed curve, the
+        # angle plus 2 pi is the same position if no wheel counts revolutions of the
+        # variable. On an open curve no growth is known.
         no_wheel_follows = np.isnan(period)
         if self.closed and no_wheel_follows:
             return TURN

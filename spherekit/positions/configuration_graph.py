@@ -389,14 +389,16 @@ class ConfigurationGraph:
         """Append new nodes to all arrays of the graph that have one item for each node.
 
         A node is one configuration at one sample (choice of the inputs). A new node is not
-        joined to others: it is a piece of its own, and no path starts or ends there.
+        joined to others, so it is a piece of its own. Paths lead from a node to a
+        neighbouring sample. No path starts or ends at a new node.
 
         Parameters
         ----------
         sample, values
             (m,) sample of each new node, and (m, variables) its configuration (rad).
         signs
-            The signs of the determinants at the new nodes.
+            The signs of the determinants of the closure Jacobians, with locked inputs, at
+            the new nodes.
 
         Returns
         -------
@@ -445,7 +447,8 @@ class ConfigurationGraph:
         reliable_signs = np.where(signs.is_regular, signs.sign, 0.0)
         # All pairs of configurations at the same sample. The first pass of the loop
         # compares each with the one before it, the next pass with the one before that, and
-        # so on. The last assignment is therefore the first equal configuration.
+        # so on. A later pass overwrites the result of a pass before. So the earliest equal
+        # configuration remains.
         for earlier, later in _pairs_with_equal_keys(sample):
             # The product is 0 if one sign is not reliable.
             has_no_opposite_sign = reliable_signs[earlier] * reliable_signs[later] >= 0.0
@@ -563,8 +566,8 @@ class ConfigurationGraph:
         (n,) whether the sum of the signs at a sample is not zero. False for samples with a
         singular configuration, which has no sign.
         """
-        # Sums over the nodes of each sample: of the signs, and of singular nodes, which are
-        # not regular and have no sign.
+        # A node is one configuration at one sample. Over the nodes of each sample, the
+        # signs are added up, and the singular nodes are counted, which have no sign.
         count = len(self.input_grid)
         signs = np.where(self._is_regular, self._determinant_sign, 0.0)
         sign_sums = np.bincount(self.sample, weights=signs, minlength=count)
@@ -612,7 +615,7 @@ class ConfigurationGraph:
 
         One path is often enough to join two pieces, so few paths are followed for each
         piece in the first round. The number of paths grows from round to round, because
-        many are needed near inputs at which modes meet.
+        many are needed near inputs at which assembly modes meet.
 
         Parameters
         ----------
@@ -844,8 +847,9 @@ class ConfigurationGraph:
         """
         paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
         is_reached_once = (paths_to_end == 1) & ~self._is_reached[direction, ends]
-        # An old node may differ from the end of the path by up to `SAME_CONFIGURATION_RAD`.
-        # A singular configuration, at which the sign changes, may be between them.
+        # A path ends at an old node if its last configuration differs from this node by at
+        # most `SAME_CONFIGURATION_RAD`. Between both there may be a singular configuration,
+        # at which the sign of the determinant changes.
         is_new = ends >= old_node_count
         has_equal_signs = self._determinant_sign[ends] == self._determinant_sign[starts]
         return is_reached_once & (is_new | has_equal_signs)

@@ -150,9 +150,10 @@ def monotone_pieces(
         Range of the input (rad).
     period
         Growth of the input (rad) after which all configurations of the mechanism return.
-        The period is infinite if wheels follow the input by gear ratios and are not known
-        to return. The period is NaN if there are wheels, but none follows the input. If the
-        period is not finite, the period of this curve is used (`ArcCurve.returns_after`).
+        It is 2 pi if no wheels roll on each other. It is infinite if wheels follow the
+        input by gear ratios and are not known to return. It is NaN if wheels roll on each
+        other, but none follows the input by a gear ratio. If the period is not finite, the
+        period of this curve is used (`ArcCurve.returns_after`).
 
     Returns
     -------

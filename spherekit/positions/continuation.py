@@ -415,11 +415,11 @@ class CurveContinuation(ABC, Generic[Node]):
         is_good: Bools,
         rounding: Floats | float,
     ) -> Bools:
-        """Return a mask (k,) of the steps whose middle both ends predict correctly.
+        """Return a mask (k,) of the steps that are on one smooth curve.
 
-        This test shows that the step is on one smooth curve. A polynomial with the position
-        and the first two derivatives at both ends must agree with the middle, a point
-        computed separately.
+        The middle of a step is a point that was computed separately. A polynomial has the
+        position and the first two derivatives of the curve at both ends of the step. It
+        must agree with the middle. The step must also have passed the other tests.
 
         Parameters
         ----------

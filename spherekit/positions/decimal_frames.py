@@ -101,7 +101,8 @@ def _frames_from_pose(
         # `repr` returns the shortest decimal number that float64 rounds to this number.
         # This is the number of the file, if it has at most 15 digits and was not scaled.
         exact_axis = normalize(_parse_decimals([repr(float(x)) for x in axis]))
-        # The float64 axis selects the x axis, as in computations with float64.
+        # The axis in float64 decides which x axis is chosen. The choice is then the same as
+        # in computations with float64.
         first = _frame_with_any_x_axis(exact_axis, np.array(axis, dtype=float))
         second = first
         if name in angles:
@@ -120,7 +121,7 @@ class _LinkAxes:
         The vectors in quad precision.
     rounded
         The same vectors in float64. Whether two axes are collinear is decided with these
-        vectors, as in computations with float64.
+        vectors, so that the decision is the same as in computations with float64.
     """
 
     exact: Mapping[str, Array]
@@ -146,13 +147,16 @@ class _LinkAxes:
 def _read_link_axes(sizes: LinkSizes, link_table: Mapping[str, Any]) -> _LinkAxes:
     """Return the pair axes of a link, in quad precision and in float64.
 
+    The frames of the pairs are made from the axes in quad precision. The axes in float64
+    decide which axes are collinear, as in computations with float64.
+
     Parameters
     ----------
     sizes
         The arcs and angles (rad) in float64.
     link_table
-        The table of the link in the mechanism file, with the same arcs and angles in
-        degrees as decimal numbers. The decimal numbers are exact.
+        The table of the link in the mechanism file. It has the same arcs and angles in
+        degrees, as decimal numbers without rounding errors.
     """
     exact_sizes = LinkSizes(
         sizes.axes,
@@ -173,8 +177,9 @@ def _frames_from_sizes(
 ) -> dict[str, Frames]:
     """Return the frames of pairs, computed from the pair axes of their links.
 
-    A pair has a frame in each of its two links, with z along its axis. Its variable is zero
-    where both frames coincide.
+    The axes come from the sizes of the links in the file, such as arcs between axes. A pair
+    has a frame in each of its two links, with z along its axis. Its variable is zero where
+    both frames coincide.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
     pair of least cost is chosen. The search needs the inputs at which assembly modes meet:
     the zeros of functions of the input (`make_mode_coalescence`). The time of one value of
     these functions is the cost of a driving pair. For some pairs the functions are not
-    known.
+    known. A group consists of links that are placed together, such as a dyad (two links).
 
     Returns
     -------

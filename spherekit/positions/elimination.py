@@ -54,9 +54,10 @@ class EliminationResult:
         (solutions, pairs) real parts of the angles (rad). These are starting values for
         Newton's method. A configuration can occur more than once.
     is_real
-        (solutions,) whether the solution is real up to rounding. Newton's method must then
-        find a closed configuration next to it. Other solutions have a small imaginary part,
-        and may be complex, or real with larger rounding errors.
+        (solutions,) whether the solution is real up to rounding. If Newton's method then
+        finds no closed configuration next to it, the caller reports that a configuration
+        may be missing. Other solutions have a small imaginary part, and may be complex, or
+        real with larger rounding errors.
     problem
         Why a real solution may be missing; empty if none can be missing.
     """

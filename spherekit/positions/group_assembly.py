@@ -188,6 +188,9 @@ class AssemblyState:
 def rotation_in_pair(joint: Joint, values: Floats) -> Floats:
     """Return the rotation from the axes of the second link of a pair to those of its first.
 
+    With the angles of the input pairs, the caller joins the links of these pairs into rigid
+    bodies.
+
     Parameters
     ----------
     joint
@@ -212,12 +215,13 @@ def orient_links_in_bodies(
     rotations_of_inputs: Mapping[int, Floats],
     sample_count: int,
 ) -> dict[int, Floats]:
-    """Return the orientation of each link in its body, before any group is placed.
+    """Return the orientation of each link in its body, from the inputs alone.
 
-    A body is a set of links whose relative orientations are known. Links that are joined by
-    an input, or by a chain of inputs, form one body. The axes of a body are those of one of
-    its links, and the body has the index of this link. A link without inputs is a body of
-    its own.
+    A body is a set of links whose relative orientations are known. Placing a group of links
+    joins more bodies; this function is called before the first group is placed. Links that
+    are joined by an input, or by a chain of inputs, form one body. The axes of a body are
+    those of one of its links, and the body has the index of this link. A link without
+    inputs is a body of its own.
 
     Parameters
     ----------
@@ -330,9 +334,9 @@ def group_tree(group: Group, joints: Sequence[Joint]) -> LoopTree:
 def group_closure(state: AssemblyState, group: Group) -> Closure:
     """Return the loop-closure equations of a group, at the samples of a state.
 
-    A body is a set of links whose orientations are known, in the state. A group is bodies
-    that are placed together by closing the loops of the pairs between them. The unknowns
-    are the variables of these pairs.
+    A body is a set of links whose orientations relative to each other are known. A group is
+    a set of bodies that become one body when their loops are closed. The equations are
+    solved for the variables of the pairs between the bodies.
 
     Parameters
     ----------

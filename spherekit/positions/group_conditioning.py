@@ -54,7 +54,8 @@ def _equalise_directions(jacobians: Floats) -> Floats:
     of the pairs are close together, all these vectors have nearly one direction. The
     Jacobian is then ill-conditioned. The components of the vectors along their common
     direction are therefore divided by their size in this direction. The components across
-    the direction are divided by their size across. The rank does not change.
+    the direction are divided by their size across. The rank does not change. So the
+    condition number can tell singular groups from groups that are only small.
     """
     # Axes of `loops`: sample, loop, component of the vector, variable.
     n, rows, variable_count = jacobians.shape

@@ -49,6 +49,8 @@ class InputGrid:
     def neighbours(self) -> Indices:
         """Return the neighbouring samples of each sample along each axis of the grid.
 
+        Callers follow or compare configurations from each sample to its neighbours.
+
         Returns
         -------
         (2 axes, n) indices of samples. Row 2 a is the next sample along axis a, and row 2 a
@@ -91,8 +93,9 @@ def make_input_grid(
     mechanism
         The mechanism with the ranges of its inputs.
     samples
-        Number of samples on the straight path through all ranges. With `wants_grid` it is
-        the number for each input. A sequence has the numbers of a grid, one for each input.
+        A single number is the number of samples on the straight path through all ranges.
+        With `wants_grid` it is the number of values of each input. A sequence always
+        requests a grid, and has the number of values of each input.
     wants_grid
         Whether to sample all combinations of the inputs.
     path

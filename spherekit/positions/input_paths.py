@@ -104,6 +104,8 @@ def nodes_at(
 ) -> InputPathNodes:
     """Return closed configurations with their derivatives as the inputs move.
 
+    From the result, the configurations after a step of the inputs are predicted.
+
     With all variables v and the closure Jacobian J, the derivatives with respect to the
     distance that the inputs move satisfy J v' = 0 and J v'' + bias = 0. The bias is the
     part of the second derivative of the closure that is quadratic in v'.
@@ -128,8 +130,8 @@ def nodes_at(
     opening_rate = np.einsum("nij,nj->ni", linearisation.jacobian, slope)
     slope[:, passive] = -np.einsum("nij,nj->ni", inverse, opening_rate)
     bend[:, passive] = -np.einsum("nij,nj->ni", inverse, linearisation.bias(slope))
-    # The sign of the determinant tells later whether a step has passed a singular
-    # configuration.
+    # The sign of the determinant changes only at singular configurations. It tells later
+    # whether a step has passed one.
     return InputPathNodes(
         direction=direction,
         values=linearisation.values,

@@ -306,10 +306,11 @@ def _with_crossings(
     """Return the turning points with doubtful intervals replaced by the crossings in them.
 
     Assembly modes are curves of configurations over the input. The turning points were
-    found from functions of the input that are zero where two modes meet. At a turning point
-    both modes end, and such a function changes its sign. At a crossing both modes continue,
-    and the function only touches zero, which looks like two zeros or none. An interval in
-    which this happens is doubtful. The crossings in doubtful intervals are computed.
+    found by functions of the input that are zero where two modes meet (`ModeCoalescence`).
+    At a turning point both modes end, and such a function changes its sign. At a crossing
+    both modes continue, and the function only touches zero. Numerically this looks like two
+    zeros or none, so an interval in which it happens is doubtful. The crossings in doubtful
+    intervals are computed here.
 
     Parameters
     ----------

@@ -84,7 +84,7 @@ def solve_least_norm(matrices: Floats, right_sides: Floats) -> Floats:
 
     Returns
     -------
-    (n, columns) solutions x. The solutions are very large if a matrix is nearly singular.
+    (n, columns) solutions x. The solution of a nearly singular square matrix is very large.
     """
     n, rows, columns = matrices.shape
     is_regular = np.zeros(n, dtype=bool)

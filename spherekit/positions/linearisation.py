@@ -95,8 +95,8 @@ class Linearisation:
         rotations = np.empty((len(self.values), self.tree.count, 3, 3))
         rotations[:, 0] = _IDENTITY
         # `states` has two frames of each pair: `first` in the axes of its first body,
-        # `second` in the axes of its second body. In space they are one frame, which gives
-        # the rotation from the second body to the first.
+        # `second` in the axes of its second body. Both describe the same frame in space, so
+        # together they give the rotation from the second body to the first.
         first_from_second = self.states.first @ transpose(self.states.second)
         for pair, parent, child in self.tree.placements:
             # A pair can also lead from its second body to its first one; then the rotation

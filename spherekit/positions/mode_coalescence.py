@@ -473,8 +473,10 @@ class ModeCoalescence:
     ) -> Complexes:
         """Return the frames of revolute pairs in the axes of both their bodies.
 
-        A body is a set of links with known relative orientations. A mode is a solution of
-        the closure equations. In complex modes the frames are complex, too.
+        A body is a set of links with known relative orientations. A frame is the rotation
+        from the axes of a pair to those of a body. The closure equations of the next group
+        of links, or the angles of pairs, are computed from the frames. A mode is a solution
+        of the closure equations. In complex modes the frames are complex, too.
 
         Parameters
         ----------

@@ -180,7 +180,7 @@ class ModeMeeting:
         An assembly mode is one way to assemble the mechanism. Its configurations form a
         curve over the input. At a meeting such curves cross. A smooth curve through the
         crossing can belong to one mode below this input and to another mode above it.
-        `successors` maps the number of the lower mode to that of the upper mode. `resolved`
+        `successors` maps the number of the mode below to that of the mode above. `resolved`
         says whether this assignment is known.
 
         Parameters

@@ -205,19 +205,26 @@ class ModeSearch:
         self._check_mobilities(sampled_modes.mobilities)
 
     def _check_mobilities(self, mobilities: Sequence[int]) -> None:
-        """Raise an error if the mechanism has another mobility than it has inputs.
+        """Raise an error if the mobility of the mechanism is not its number of inputs.
 
-        The mobility is tested if no mode was found, or if the first start has a lower
-        mobility than there are inputs. A higher mobility at the first start is no error,
-        because singular configurations have more degrees of freedom than the mechanism. The
-        least mobility of all starts is therefore tested.
+        The mobility is the number of degrees of freedom. A start is a configuration from
+        which the search tries to follow a mode to the samples. The mobility is tested in
+        two cases:
+
+        - No mode was found.
+        - The mobility at the first start is lower than the number of inputs.
+
+        A singular configuration can have more degrees of freedom than the mechanism. A
+        higher mobility at a single start is therefore no error, and the least mobility of
+        all starts counts.
 
         Parameters
         ----------
         mobilities
-            Degrees of freedom at the starts, from the rank of the velocity equations. The
-            first start is the reference pose, if there is one. Empty if no constraints are
-            redundant, because the numbers of links and pairs then give the mobility.
+            Degrees of freedom at each start, from the rank of the velocity equations. The
+            first start is the reference pose, if there is one. The sequence is empty if no
+            constraints are redundant. The numbers of links and pairs then give the
+            mobility, so it is not tested here.
 
         Raises
         ------

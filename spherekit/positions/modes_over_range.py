@@ -371,9 +371,9 @@ class ModesOverRange:
         """Find assembly modes from random starts, and return how complete they are.
 
         An assembly mode is one way to assemble the mechanism. The modes are added to
-        `assembly_modes`. The attribute `methods` says how each group of links is solved:
-        dyads (two links) in closed form, other groups by random starts unless another
-        method was stored before.
+        `assembly_modes`. The attribute `methods` says how each group of links is solved.
+        Dyads (two links) are solved in closed form. Any other group keeps the method that
+        is stored already. Without a stored method, it is solved from random starts.
         """
         methods: list[SolutionMethod | None] = []
         for group, method in zip(self.groups, self.methods, strict=True):
@@ -387,8 +387,8 @@ class ModesOverRange:
         # configurations, with one or more modes.
         statistics = self._search_from_random_starts()
         if not self.assembly_modes:
-            # Random starts leave out configurations near a dead centre. Solving all groups
-            # at the middle sample can find these.
+            # Random starts leave out configurations near a dead centre, so they may have
+            # given no mode. Solving all groups at the middle sample can find such modes.
             q = self.input_grid.q
             self._compute_modes_at(q[len(q) // 2][None])
         # Two texts for users say how likely a mode was missed. `Guarantee.SAMPLED` means

@@ -211,7 +211,7 @@ class SampledModes:
 
         Configurations are stored as nodes of a graph. A node is one configuration at one
         sample. The result is None if the mode of the reference pose is not known. The
-        attribute `claim` is set: how complete the modes are.
+        attribute `claim` is set, which states how complete the modes are.
 
         If possible, all configurations at all samples are computed (enumerated). If not,
         modes are searched, first from the reference pose, then from random starts.
@@ -257,9 +257,9 @@ class SampledModes:
 
         A node of the graph is one configuration at one sample. Joined nodes become an
         assembly mode. At some of the samples at which configurations may be missing, random
-        starts are tried as well. Three attributes are set: the `methods` by which groups of
-        links were solved, the `claim` how complete the modes are, and the number `probes`
-        of samples.
+        starts are tried as well. Three attributes are set for reports: the `methods` by
+        which groups of links were solved, the `claim` how complete the modes are, and
+        `probes`, the number of samples at which configurations were searched.
         """
         q = self.input_grid.q
         configurations = enumerate_configurations(self.solver, q)
@@ -270,7 +270,8 @@ class SampledModes:
             if group.is_dyad or position in self.solver.wheel_trains:
                 self.methods.append(CLOSED_FORM)
             else:
-                # The first order of elimination is the one that is used.
+                # There can be several orders in which unknowns are eliminated. The first
+                # one is used.
                 root_count = find_elimination_orders(group)[0].root_count
                 self.methods.append(
                     SolutionMethod(f"elimination: all {root_count} complex roots")
@@ -578,9 +579,9 @@ class SampledModes:
 
         Returns
         -------
-        How often each solution was reached. A solution is a sheet, or a single
-        configuration that `_enumerate` has computed before. The search ends if these counts
-        make a missing solution unlikely, or at the limit of sheets.
+        Counts of how many starts have led to each solution. A solution is a sheet, or a
+        single configuration that `_enumerate` had computed before the search. The search
+        ends if these counts make a missing solution unlikely, or at the limit of sheets.
         """
         q = self.input_grid.q
         # The range of the inputs, in which the samples are.
@@ -684,8 +685,12 @@ class SampledModes:
     def _unite_separate_modes(self, modes: Sequence[Indices]) -> list[Indices]:
         """Unite modes with equal signs that occur at separate samples, to have fewer modes.
 
-        The samples are a path. A mode can end on the path, and another mode with equal
-        signs of all groups of links can begin later. Both modes get one number.
+        Links are placed in groups, and each group has a sign in each assembly mode. The
+        sign of a dyad (two links) is the sign of the determinant of its three axes. Another
+        group has the sign of the determinant of its velocity equations.
+
+        The samples are a path. A mode can end on the path, and a mode with the same sign
+        for each group can begin later. Both modes get one number.
 
         Parameters
         ----------
@@ -703,8 +708,8 @@ class SampledModes:
             modes_by_signs.setdefault(tuple(signs), []).append(mode)
         united_modes = []
         for modes_of_signs in modes_by_signs.values():
-            # Only modes with a gap between them are united, because no verified step joins
-            # them.
+            # `share_numbers` unites only modes with a gap (samples without either mode)
+            # between them. Modes at the same sample, or at neighbouring ones, stay apart.
             united_modes += share_numbers(
                 sorted(modes_of_signs, key=self._graph.first_node)
             )

@@ -184,8 +184,11 @@ class Motion(ArrayRows):
     def passive_jacobian(self) -> Floats:
         """(n, equations, passive) Jacobian of the loop equations with locked inputs.
 
-        These are the derivatives of the closure residuals (by how much the loops are open)
-        with respect to the passive variables (those that are not inputs).
+        There is a matrix for each of the n rows of the motion. It contains the derivatives
+        of the closure residuals (by how much the loops are open) with respect to the
+        passive variables (those that are not inputs). Its inverse, `closure_inverse`, gives
+        the change of the variables that closes a loop, and its condition number shows how
+        close the row is to a singularity of type II.
         """
         passive = list(self.passive_variables)
         return np.ascontiguousarray(self.linearisation.jacobian[:, :, passive])
@@ -202,19 +205,19 @@ class Motion(ArrayRows):
         The number grows without limit near singularities of type II, where the mechanism
         can move with locked inputs. The number is infinite if the loops do not determine
         the passive variables, which are all variables that are not inputs. The number is 1
-        without loops, and NaN in failed
-        rows.
+        without loops, and NaN in failed rows.
         """
         return condition_numbers(self.passive_jacobian)
 
     @cached_property
     def sensitivity(self) -> Floats:
-        """(n,) largest change of the variables for a unit change of the closure residuals.
+        """(n,) bound on the change of the variables per unit change of the residuals.
 
-        The residuals are by how much the loops are open. With this number, error bounds of
-        the variables follow from residuals. The number is the Frobenius norm of
-        `closure_inverse`: infinite if the loops do not determine the passive variables (not
-        inputs), 0 without passive variables, and NaN in failed rows.
+        The closure residuals state by how much the loops are open. The passive variables
+        are those that are not inputs. To first order, their error is at most this number
+        times the norm of the residuals, so error bounds use it. The number is the Frobenius
+        norm of `closure_inverse`. It is infinite if the loops do not determine the passive
+        variables, 0 if there are no passive variables, and NaN in failed rows.
         """
         _, equations, passive = self.passive_jacobian.shape
         sensitivity = np.full(len(self), np.inf if passive else 0.0)

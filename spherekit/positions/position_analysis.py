@@ -389,7 +389,8 @@ class PositionAnalysis:
 
         An assembly mode is one way to assemble the mechanism. The result has a row for each
         mode and each input. Modes with groups of links without a closed form are known in
-        the range of the samples. Far outside it, also a whole turn away, their rows fail.
+        the range of the samples. Far outside this range, also a whole turn away, their rows
+        have no configuration (NaN), and a status that says why.
 
         Raises
         ------
@@ -525,8 +526,8 @@ def trace(
     crossings
         What an assembly mode does where curves of configurations cross. A dyad (group of
         two links) can close in two ways. With "end", all dyads keep their way, so the mode
-        turns off its smooth curve at the crossing. With "pass", the mode stays on its
-        smooth curve, and dyads change their way.
+        leaves its smooth curve at the crossing. With "pass", the mode stays on its smooth
+        curve, and dyads change their way.
     angle_unit
         Unit of `path`, ``"rad"`` or ``"deg"``.
     """

@@ -348,8 +348,8 @@ class PositionSolver:
     ) -> Floats:
         """Return the variables of the pairs of a train of wheels at given orientations.
 
-        These variables are the start of Newton's method. Gear ratios have given the
-        orientations.
+        The caller has computed the orientations from the gear ratios. Newton's method
+        starts from the returned variables.
 
         Parameters
         ----------
@@ -571,8 +571,8 @@ class PositionSolver:
         q
             (n, inputs) inputs (rad).
         values
-            (n, variables) configurations (rad). This function changes them, but keeps the
-            inputs and the full revolutions of angles.
+            (n, variables) configurations (rad), changed in place. Inputs stay the same.
+            Exact angles are shifted by full revolutions to the angles that they replace.
         status
             (n,) status of each configuration. Only those at a singularity are replaced.
 

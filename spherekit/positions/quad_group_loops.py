@@ -59,8 +59,9 @@ class PairFrames(NamedTuple):
 
     The z axis of both is the axis of the pair. The first frame, rotated about z by the
     angle of the pair, coincides with the second frame in space. This relation gives the
-    relative orientation of the bodies. The frames are at n samples of the inputs, because a
-    body can consist of links that an input moves relative to each other.
+    relative orientation of the bodies. A body is a set of links whose relative orientations
+    are known at each sample of the inputs. These orientations can change with an input. So
+    there are frames for each of the n samples.
 
     Attributes
     ----------
@@ -207,7 +208,8 @@ class GroupLoops:
         method.
         """
         # For each pair: the first frame, rotated by the angle of the pair, in the axes of
-        # the first body. The rotated frame coincides with the second frame in space.
+        # the first body. In a closed loop, the rotated frame coincides with the frame of
+        # the pair in the second body.
         rotated_frames = [
             multiply_matrices(frames.in_first_body, rotate_about_z(values[:, k]))
             for k, frames in enumerate(self.pair_frames)
@@ -241,17 +243,24 @@ class GroupLoops:
     def _place_bodies(self, rotated_frames: Sequence[Array]) -> list[Array]:
         """Return the rotation (n, 3, 3) from the axes of each body to those of body 0.
 
-        The bodies are placed one after the other, along the pairs of a spanning tree.
+        The bodies are placed one after the other, along the pairs of a spanning tree. The
+        rotations show by how much the loops are open.
+
+        A pair has one frame in each of its two bodies. The next body is placed such that
+        the first frame, rotated about z by the angle of the pair, coincides with the second
+        frame in space. The same frame is then known in the axes of both bodies, which gives
+        their relative rotation.
 
         Parameters
         ----------
         rotated_frames
-            For each pair its second frame (n, 3, 3), in the axes of its first body.
+            For each pair the rotated first frame (n, 3, 3), in the axes of the first body.
         """
         identity = np.eye(3).astype(quad())
         rotations = {0: np.broadcast_to(identity, rotated_frames[0].shape)}
         # The pair joins a placed body (parent) to the next body (child).
         for pair, parent, child in self.tree.placements:
+            # Rotation from the axes of the second body of the pair to those of the first.
             first_from_second = multiply_matrices(
                 rotated_frames[pair],
                 transpose_matrices(self.pair_frames[pair].in_second_body),
@@ -313,7 +322,8 @@ class GroupLoops:
     def close(self, values: Array) -> tuple[Array, Floats]:
         """Close the loops of a group by Newton's method from variables (n, pairs), in rad.
 
-        The residual (closure errors of the loops) is computed in quad precision, and so is
+        A group has links that become one body when all pairs between them are closed. The
+        residual (closure errors of the loops) is computed in quad precision, and so is
         the solution. The derivatives of the residual are inverted in float64 only, because
         errors of a step are corrected by the next step.
 

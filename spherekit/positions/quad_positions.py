@@ -64,19 +64,22 @@ configurations have no bound.
 class QuadConfigurations(NamedTuple):
     """Configurations of a mechanism at n values of its inputs, in quad precision.
 
-    Quad precision means 33 digits. The links are placed group by group. A group is a set of
-    bodies that become one rigid body when their loops are closed. Inputs are float64
-    numbers, and may be rounded from decimal numbers of degrees. `status` accounts for this
-    rounding error.
+    Quad precision means 33 digits. These configurations are used where float64 loses too
+    many digits, such as near a dead centre. The links are placed group by group. A group is
+    a set of bodies that become one rigid body when their loops are closed. At its dead
+    centre two ways to close the group meet.
+
+    Inputs are float64 numbers, and may be rounded from decimal numbers of degrees. `status`
+    accounts for this rounding error.
 
     Attributes
     ----------
     values
         (n, variables) pair variables (rad) in float64.
     error
-        (n,) bound (rad) of the difference of `values` from the exact variables. Exact means
-        for the decimal link sizes in the file and for the float64 inputs. Infinite if
-        `values` are not reliable.
+        (n,) bound (rad) of the difference of `values` from the exact variables. The exact
+        variables belong to the decimal link sizes in the file and to the float64 inputs.
+        The bound is infinite if `values` are not reliable.
     status
         (n,) status of each configuration. OUT_OF_REACH: a group cannot be closed, even if
         the inputs are changed by their rounding errors. AT_SINGULARITY: a group is at its

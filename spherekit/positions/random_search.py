@@ -342,10 +342,12 @@ class RolledLength:
     def find_repetition(self, additional_length: float) -> WheelRepetition | None:
         """Find the wheel that makes whole revolutions between two configurations.
 
-        The wheels roll on each other from one configuration to the other. A wheel that
-        touches at the same point of its profile in both is called the repeated wheel. If
-        the other wheel touches at different points of its profile, its orientation may
-        differ. It is then called the turned wheel.
+        The caller has to know whether two configurations differ only by whole revolutions
+        of wheels, because they then count as one. From one configuration to the other, the
+        two wheels roll on each other. After whole revolutions, a wheel touches at the same
+        point of its profile again. It is called the repeated wheel. If the other wheel
+        touches at another point of its profile, its orientation may differ. It is then
+        called the turned wheel, and the caller does not compare its orientation.
 
         Parameters
         ----------
@@ -564,14 +566,17 @@ class DistinctConfigurations:
     def _is_repetition(
         self, configuration: ClosedConfiguration, stored: ClosedConfiguration
     ) -> bool:
-        """Return whether two configurations differ only by whole revolutions of wheels.
+        """Return whether one configuration repeats another after whole revolutions.
 
         Such configurations count as one, because whole revolutions of the inputs lead from
-        one to the other. Two wheels that touch have then rolled on in this way:
+        one to the other. Three conditions must hold:
 
-        - One wheel, the repeated wheel, touches at the same point of its profile again.
-        - The other one may touch at another point of its profile. In this case it is called
-          the turned wheel.
+        - At each contact at which two wheels have rolled on, one of them has made whole
+          revolutions: it touches at the same point of its profile again. It is called the
+          repeated wheel. The other wheel may touch at another point of its profile. It is
+          then called the turned wheel.
+        - A turned wheel moves no other body.
+        - All bodies except turned wheels have the same orientations relative to each other.
         """
         # One repetition for each contact at which wheels have rolled on, with the indices
         # of its two wheels. The list is empty if no wheels have rolled on, or if at some
@@ -587,8 +592,8 @@ class DistinctConfigurations:
         # joints, it would have moved other bodies.
         if any(self._joint_counts[wheel] > 2 for wheel in turned_wheels):
             return False
-        # All bodies except turned wheels must have the same orientations relative to each
-        # other. The orientations are compared relative to the repeated wheel of the last
+        # The orientations of all bodies except turned wheels are compared relative to one
+        # body. Any body that is compared could serve. It is the repeated wheel of the last
         # contact.
         repeated_wheel = repetitions[-1].repeated_wheel
         return _have_equal_orientations(

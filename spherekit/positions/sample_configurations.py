@@ -273,19 +273,20 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
 def _place_both_modes(state: AssemblyState, group: Group) -> GroupPlacement:
     """Place a dyad (two links joined by a pair) in both ways in which it closes.
 
-    A formula gives both ways, told apart by a sign. A row is one configuration of the
-    earlier groups. Results of the same old row follow each other, sign 1 first.
+    A formula gives both ways, told apart by a sign. An old row is one configuration of the
+    groups that are already placed. A new row is an old row with the dyad in one of its two
+    ways. New rows that come from the same old row follow each other, sign 1 first.
 
     Parameters
     ----------
     state
-        The bodies at n rows, before the dyad is placed. This object is not changed.
+        The bodies at n old rows, before the dyad is placed. This object is not changed.
     group
         The dyad.
 
     Returns
     -------
-    New rows, one for each way in which the dyad closes at an old row.
+    The new rows. A dyad that does not close at an old row gives none.
     """
     states = []
     parents = []
@@ -308,7 +309,9 @@ def _place_both_modes(state: AssemblyState, group: Group) -> GroupPlacement:
     return GroupPlacement(
         state=AssemblyState.concatenate(states).rows(order),
         parent=parent[order],
-        # A formula misses no way to place a dyad, unless the dyad turns freely.
+        # The formula finds both ways, so every old row counts as complete. A dyad that
+        # turns freely counts as complete, too: by convention one of its infinitely many
+        # configurations stands for all (see `SampleConfigurations`).
         is_complete=np.ones(len(state.values), dtype=bool),
     )
 
@@ -351,8 +354,8 @@ def _place_by_elimination(
 ) -> GroupPlacement:
     """Place a group of links in all configurations that elimination finds.
 
-    A row is one configuration of the groups placed before. Elimination reduces the
-    equations of the group to a polynomial in one angle.
+    A row is one configuration of the groups placed before, at one sample of the inputs.
+    Elimination reduces the equations of the group to a polynomial in one angle.
 
     Parameters
     ----------
@@ -370,6 +373,7 @@ def _place_by_elimination(
     """
     closure = group_closure(state, group)
     configurations = _eliminate_distinct_rows(group, closure, sample)
+    # For each configuration, the index of the old row from which it comes.
     parent = configurations.row
     # Continue each row with each of its configurations of the group.
     closed_loops = closure.select_rows(parent).linearise(configurations.values)
@@ -690,8 +694,10 @@ def _examine_rows(
 ) -> Iterator[tuple[int, Floats, str]]:
     """Compute the configurations of a group of links at some rows, one by one.
 
-    A row is one configuration of the groups placed before. For each row the elimination
-    checks whether solutions were lost, and whether nearly equal solutions are different.
+    A row is one configuration of the groups placed before, at one sample of the inputs. For
+    each row the elimination checks whether solutions were lost, and whether nearly equal
+    solutions are different. The caller passes only rows at which the methods for many rows
+    together have left this open.
 
     Parameters
     ----------
@@ -712,6 +718,7 @@ def _examine_rows(
             group, closure.select_rows(np.array([row]))
         )
         values = np.reshape(distinct.values, (-1, len(group.pairs)))
+        # There were more configurations than are stored.
         if distinct.is_truncated:
             problem = problem or "only some of many singular configurations are kept"
         yield row, values, problem

@@ -245,8 +245,8 @@ class ArcEquations:
         Raises
         ------
         PlanError
-            If the arc between both axes is about 0 or 180 degrees, so that the axes do not
-            determine the orientation.
+            If the arc between both axes is about 0 or 180 degrees. The link could spin
+            about the common line of its axes, so these do not determine the orientation.
         """
         # Row 2 of a frame is the axis of its pair.
         first_axis, second_axis = (
@@ -262,8 +262,9 @@ class ArcEquations:
                 "0 or 180 deg between two pairs, about which the link could spin, so "
                 "nothing can be proven about it; change this arc"
             )
-        # Dual basis a, b, n of the two axes and their cross product: each has the product 1
-        # with its own vector, and 0 with the other two.
+        # The dual basis of three vectors: the two axes and their cross product. The first
+        # dual vector has the dot product 1 with the first vector, and 0 with the other two.
+        # The other dual vectors are defined in the same way.
         dual_rows = [
             np.cross(second_axis, normal) / sine_squared,
             np.cross(normal, first_axis) / sine_squared,
@@ -284,8 +285,9 @@ class ArcEquations:
     def evaluate(self, variables: Sequence[Ball] | Array, order: int = 1) -> list[Array]:
         """Return the equations f and their derivatives at balls of all variables.
 
-        Each equation states that a link has the known arc between its axes; f = 0 if it
-        holds. A ball is a number with a bound of its error.
+        Each equation belongs to a link that is put on the axes of two placed links. It says
+        that the arc between these axes equals the arc of the link; f = 0 if it holds. A
+        ball is a number with a bound of its error.
 
         Parameters
         ----------
@@ -299,7 +301,7 @@ class ArcEquations:
         Arrays of balls for k equations and v variables: f (k,), then its derivatives
         f' (k, v) and f'' (k, v, v) up to the order.
         """
-        equation_count = len(self.degrees)
+        equation_count = len(self.degrees)  # `degrees` has a row for each equation
         shape = [equation_count, *[self.variable_count] * order]
         arrays = [
             np.full(shape[: power + 1], exact_ball(0.0)) for power in range(order + 1)
@@ -321,12 +323,13 @@ class ArcEquations:
         """Return all link orientations, and derivatives with respect to the variables.
 
         Variables and orientations are balls: numbers with bounds of their errors. The
-        orientations are relative to the root, the link that is placed first.
+        orientations are relative to the root, the link that is placed first. From
+        their first derivatives, the angular velocities of the links can be computed.
 
         Parameters
         ----------
         variables
-            Balls (rad) of all variables.
+            Balls (rad) of all variables of the closure equations.
         order
             Highest order of the derivatives: 0, 1 or 2.
 
@@ -498,8 +501,9 @@ class ArcEquations:
 def _shift_angle(terms: Array, offset: Ball) -> Array:
     """Return a rotation by the angle x + offset as a function of x.
 
-    The terms follow from cos(x + o) = cos(x) cos(o) - sin(x) sin(o) and sin(x + o) = sin(x)
-    cos(o) + cos(x) sin(o).
+    A pair that the input drives through toothed wheels has the angle x + offset. The
+    equations have the variable x. The result follows from cos(x + o) = cos(x) cos(o) -
+    sin(x) sin(o) and sin(x + o) = sin(x) cos(o) + cos(x) sin(o).
 
     Parameters
     ----------

@@ -91,9 +91,11 @@ class Digits:
         self.eps = 2.0 ** (1 - self._bits)
 
     def within(self) -> AbstractContextManager[None]:
-        """Return a `with` context in which all balls are computed with this many digits.
+        """Return a `with` context in which balls are computed with `digits` digits.
 
-        A ball is a number with a bound of its error.
+        A ball is a number that is stored with a bound of its error. Reference values are
+        balls. Calculate with them inside this context: outside, results have only about 16
+        digits.
         """
         return working_precision(self._bits)
 
@@ -173,11 +175,24 @@ def enclose_both(first: Array, second: Array) -> Array:
 
 
 def ball_ends(balls: Array) -> tuple[Floats, Floats]:
-    """Return float64 bounds (...) below and above all numbers of real balls (...).
+    """Return float64 numbers below and above the intervals of real balls.
 
-    A ball is a centre and a radius, that is an interval. If the radius is 0 or an end is
-    not finite, both results are the centre, rounded to float64, and need not be bounds. So
-    exact float64 numbers stay unchanged.
+    A ball is a centre and a radius, that is an interval. The caller looks up in which piece
+    of a curve each end of the interval is. There are two exceptions, in which both results
+    are the centre, rounded to float64:
+
+    - The radius is 0. So float64 numbers stay unchanged.
+    - An end of the interval is not finite. The results are then no bounds.
+
+    Parameters
+    ----------
+    balls
+        (...) real balls, in an array of any shape.
+
+    Returns
+    -------
+    lows, highs
+        (...) the lower and the upper bounds, in arrays of the same shape.
     """
     # At first both ends are the centres.
     lows = centre_floats(balls)

@@ -387,8 +387,9 @@ def wheels_certificate(
 
     All pairs but the inputs are followers: wheels drive them, and their angles are linear
     functions of the inputs. So there is one assembly mode (one way to assemble the links),
-    and no dead centre. The certificate is a table for a JSON file. Another program can
-    check the slopes ("ratios") and the bounds of their errors ("off").
+    and no dead centre. The certificate is a table for a JSON file, with an entry for each
+    follower: its slopes ("ratios"), and the largest bound of their errors ("off"). Another
+    program can check these numbers.
 
     Parameters
     ----------

@@ -151,9 +151,9 @@ class CertifiedModes:
         """What is guaranteed about the list of assembly modes, and why.
 
         An assembly mode (one way to assemble the mechanism) is a real solution of the
-        equations, or real mode. A complex mode is a real or complex solution. Each proven
-        mode is the only one in a small region about it, its ball. One of three ways can
-        prove that no real mode is missing:
+        equations, or real mode. The complex modes are all solutions, and the real ones are
+        among them. Each proven mode is the only one in a small region about it, its ball.
+        One of three ways can prove that no real mode is missing:
 
         1. As many complex modes are proven as there can be (`is_counted`). The largest
            possible number is `mode_bound`.
@@ -174,6 +174,7 @@ class CertifiedModes:
                 f"Bezout's bound, each alone in its ball; {arithmetic}"
             )
         elif self.systems:
+            # `mode_bound` counts the finite solutions and those at infinity together.
             words = (
                 f"{statement}; all solutions of each system of equations proven, "
                 f"with those at infinity of at most {self.mode_bound}; {arithmetic}"
@@ -308,7 +309,9 @@ def read_known_angles(
 def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     """Join boxes that touch each other, and return the smallest box around each group.
 
-    Groups with boxes that touch are joined, until no boxes touch.
+    The boxes are regions that may have more assembly modes. Users see the few boxes of the
+    result instead of many. The boxes around two groups can touch in turn. They are joined,
+    too, until no boxes touch.
 
     Parameters
     ----------
@@ -323,13 +326,14 @@ def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
 
     lows = centres - radii
     highs = centres + radii
-    # Very many boxes become one group at once, because comparing them would take too long.
+    # Comparing all pairs of very many boxes would take too long. They are joined to one box
+    # at once, which contains all of them.
     if len(lows) > MAX_CLUSTERED_BOXES:
         lows = np.min(lows, axis=0, keepdims=True)
         highs = np.max(highs, axis=0, keepdims=True)
     while len(lows):
         # Two boxes touch if, in all directions, each begins below the end of its partner. A
-        # gap of up to 1e-12 rad is taken for rounding.
+        # gap of up to 1e-12 rad counts as a rounding error.
         begins_below = np.all(lows[:, None] <= highs + 1e-12, axis=2)
         group_count, labels = connected_components(begins_below & begins_below.T)
         if group_count == len(lows):

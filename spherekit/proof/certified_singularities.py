@@ -83,15 +83,21 @@ class CertifiedSingularities:
     resting: Sequence[tuple[str, int]]
 
     def clearance(self, q: float) -> float:
-        """Return how far (rad) the input can move from q, at least, before a singularity.
+        """Return a proven distance (rad) from q within which there is no singularity.
 
-        The result is the distance of q to the nearest critical input, in both directions
-        and for all assembly modes (ways to assemble). Critical inputs are the ends of the
-        range (unless it is a full cycle), singularities of type I and II, crossings and
-        near crossings of curves, and inputs that are constant along a whole curve. In type
-        I the output is stationary along a curve of configurations, in type II the input is.
-        Type I of outputs in `skipped`, and along the curves in `resting`, does not count.
-        The result is 0 if not everything else is proven.
+        The command ``certify`` prints it for the option ``--clear-of``. It is a lower bound
+        of the distance from q to the nearest critical input, in both directions and for all
+        assembly modes (ways to assemble). Critical inputs are:
+
+        - the ends of the range, unless it is a full cycle,
+        - inputs at singularities of type I (the output is stationary along a curve of
+          configurations) and type II (the input is stationary),
+        - inputs at crossings and near crossings of curves,
+        - inputs that are constant along a whole curve.
+
+        Singularities of type I are unknown for the outputs in `skipped`, so they do not
+        count. An output in `resting` is stationary along a whole curve. These singularities
+        do not count either. The result is 0 if anything else is not proven.
         """
         curves = self.curves
         # `undecided` counts parts of curves that may have further singularities.
@@ -107,8 +113,9 @@ class CertifiedSingularities:
             distances.append(abs(offset) - error)
         if not curves.is_full_cycle:
             distances += [q - curves.low, curves.high - q]
-        # The equations contain the input divided by `cycle_turns`. So the input's rounding
-        # error is `cycle_turns` times that of this variable.
+        # The variable of the equations is the input divided by `cycle_turns`. So a rounding
+        # error of this variable causes an error of the input that is `cycle_turns` times
+        # larger.
         rounding = curves.cycle_turns * INPUT_ROUNDING_RAD
         return max(min(distances) - rounding, 0.0)
 
@@ -145,13 +152,15 @@ class CertifiedSingularities:
 
 
 def find_output_pairs(decimal_mechanism: DecimalMechanism) -> dict[str, int]:
-    """Return the pair that measures each output, by the name of the output.
+    """Return the pair whose angle measures each output, by the name of the output.
 
     An output is a link that is observed relative to another link. The pair joins these two
-    links; it is given by its index in `decimal_mechanism.structure`. Outputs without such a
-    pair are left out. An output without a name is called like its links, such as
-    ``rocker/frame``. The decimal mechanism is the mechanism with the decimal sizes of its
-    file.
+    links. The output is stationary (singular of type I) where the angle of this pair is
+    stationary. Outputs without such a pair are left out.
+
+    The result has the index of the pair in `decimal_mechanism.structure`. An output without
+    a name is called like its links, such as ``rocker/frame``. The decimal mechanism is the
+    mechanism with the decimal sizes of its file.
     """
     mechanism = decimal_mechanism.mechanism
     pairs = dict[str, int]()

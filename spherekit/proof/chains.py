@@ -153,8 +153,9 @@ def find_chain(
     first
         An arc of the curve.
     side
-        Function of the input's variable and of a margin (both rad) that returns on which
-        side of its range the input is: 1 above, -1 below, 0 within.
+        Function of the input's variable and of a margin (both rad). It returns 1 if the
+        variable is above its range by more than the margin, -1 if it is below by more than
+        the margin, else 0.
     crossings
         The crossings that the search has found so far.
 
@@ -165,8 +166,8 @@ def find_chain(
     """
     chain = _follow_forward(equations, first, side, crossings)
     if not chain.closed:
-        # From the end, follow the curve back to its other end. A problem at the first end
-        # is also a problem of the chain.
+        # From the end, follow the curve back to its other end. This chain is complete, but
+        # its `problem` is only that of the other end. A problem of the first end is kept.
         problem = chain.problem
         last = _reverse(chain.pieces[-1])
         chain = _follow_forward(equations, last, side, crossings)

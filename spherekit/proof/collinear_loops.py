@@ -164,8 +164,9 @@ def complete_configuration(
     """Enclose the configuration near a position in which some variables have exact values.
 
     One equation is left out, because the caller knows that the given values satisfy it. The
-    other equations determine the other variables. The result proves that these have exactly
-    one solution near the position. A ball is a number with a bound of its error.
+    other equations determine the other variables. The result proves that these equations
+    have exactly one solution near the position. A ball is a number with a bound of its
+    error.
 
     Parameters
     ----------
@@ -191,7 +192,9 @@ def complete_configuration(
         if distance > GIVEN_VALUE_TOLERANCE_RAD:
             return None
     free_variables = [j for j in range(equations.variable_count) if j not in given]
-    # A mechanism has as many equations as unknown angles.
+    # A mechanism has as many equations as unknown angles. Its variables are the unknown
+    # angles, the inputs and some angles of wheels. The proof needs as many equations as
+    # free variables.
     equation_count = equations.unknown_count
     other_equations = [k for k in range(equation_count) if k != equation]
     if len(free_variables) != len(other_equations):
@@ -473,7 +476,8 @@ def _azimuth_in_link(
     """Return the azimuth of another pair axis of a link about the axis of a pair.
 
     The azimuth is the angle about the axis from the zero direction (where pair angles
-    begin) to the other axis.
+    begin) to the other axis. The caller computes the azimuths in both links of a pair. From
+    these it gets the pair angles at which the arcs of both links lie in one plane.
 
     Parameters
     ----------
@@ -562,8 +566,9 @@ class Crossings:
             return None, None
         end_arm = self.arm(pieces[-1])
         if len(pieces) == 1:
-            # A single arc leads from outside the range of the input to an arm. So only its
-            # end is on the arm.
+            # One arc is on at most one arm, and must not count as two ends on it. It stands
+            # for an arm that leaves the range of the input near its saddle: one end of the
+            # chain is on the arm, the other is outside the range.
             return None, end_arm
         return self.arm(pieces[0]), end_arm
 

@@ -310,8 +310,9 @@ class CertifiedCurves:
 
         A saddle is a place where configuration curves cross or nearly do. An arm is one of
         the four branches of curves that leave a saddle. The index of the saddle and the
-        quadrant of the branch name the arm. A chain is a curve as a row of boxes, and can
-        begin or end on an arm.
+        quadrant of the branch name the arm. A chain is a curve as a row of boxes (products
+        of intervals of the variables), each with one arc of the curve. It can begin or end
+        on an arm. The caller looks for stationary values of the variable on these arms.
         """
         moving_arms = []
         for arms_at_ends, is_constant in zip(
@@ -476,7 +477,9 @@ class CertifiedCurves:
     def _find_cuts(self) -> list[float]:
         """Return the inputs (rad) at which the number of modes may change, in order.
 
-        Inputs at the ends of the range are left out.
+        A mode is a way to assemble the mechanism. `intervals` cuts the range of the input
+        at these inputs, and counts the modes between them. Inputs at the ends of the range
+        are left out.
         """
         # In an undecided part of the range modes may be missing.
         undecided_ends = [end for part in self.undecided_ranges for end in part]
@@ -485,7 +488,7 @@ class CertifiedCurves:
             *self.turning_points,
             # Two modes meet where curves cross.
             *self.crossing_inputs,
-            # A whole curve has the same input.
+            # At all points of some curves, the input has the same value.
             *self.constant_input_values,
             *undecided_ends,
         )

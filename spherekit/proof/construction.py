@@ -99,9 +99,9 @@ class PlacementStep:
 class LinkPlacement:
     """The link relative to which a link is oriented, and the degrees of its orientation.
 
-    The orientation is a rotation matrix of trigonometric polynomials in the pair angles.
-    Degree m in an angle means terms up to cos(m angle) and sin(m angle). The degrees limit
-    the number of solutions of the equations.
+    The orientation is a rotation matrix. Its elements are trigonometric polynomials in the
+    pair angles. Degree m in an angle means terms up to cos(m angle) and sin(m angle). The
+    degrees limit the number of solutions of the equations.
 
     Attributes
     ----------
@@ -333,15 +333,20 @@ def _find_parent_paths(
 ) -> ParentPaths:
     """Return the paths of two links to the first link that both paths have in common.
 
+    The callers express an axis of each of the two links in the coordinates of this shared
+    link. For this, they multiply the axis by the orientations of the links on its path.
+
     A path leads from a link to its reference (the link relative to which it is oriented),
-    then to the reference of that, and so on to the root. The root is its own reference.
+    then to the reference of that, and so on to the root. The root is its own reference. The
+    returned paths end before the shared link. A path is empty if its link is itself the
+    shared link.
 
     Parameters
     ----------
     placements
         By link index: the reference link.
     first_parent, second_parent
-        Indices of the two links.
+        Indices of the two links, which are joined to a third one by one pair each.
     """
     paths_to_root = []
     for parent in (first_parent, second_parent):
@@ -509,19 +514,24 @@ def _find_best_construction(
 ) -> Construction | None:
     """Return the best order of placing the links for a proof, or None if there is none.
 
-    A construction is such an order with its variables and equations. The best one has
+    A proof finds all solutions of equations for some of the pair (joint) angles. The order
+    of placing the links decides which angles are these variables, and which equations hold
+    for them. A construction is an order with its variables and equations. The best one has
 
-    1. the largest number of preferred pairs (joints) as variables,
-    2. among equal candidates, the lowest bound of the number of isolated complex solutions,
+    1. the angles of most preferred pairs as variables,
+    2. among equal candidates, the lowest bound of the number of isolated complex solutions
+       (`mode_bound`),
     3. among equal candidates, the smallest sum of the degrees of the equations.
 
     Parameters
     ----------
     graph
-        The links and pairs, and which angles are given.
+        The links and pairs. It also states which angles are given: those of the inputs and
+        of the wheels that follow them.
     preferred_pairs
-        Pairs that should be variables if possible.
+        Pairs whose angles should be variables if possible, for example those of outputs.
     """
+    # The fewer preferred pairs are missing among the variables, the better.
     return min(
         _find_constructions(graph),
         key=lambda construction: (

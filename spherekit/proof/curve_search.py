@@ -189,7 +189,8 @@ class CurveSearch:
 
         A position is a point in the space of the v variables. Each known arc of a
         configuration curve has a box, with sides along the tangent and the normals of the
-        arc. The box contains no other part of any configuration curve.
+        arc. The box contains no other part of any configuration curve. So a configuration
+        inside the box is on a curve that is already known.
 
         Parameters
         ----------
@@ -198,8 +199,8 @@ class CurveSearch:
         positions
             (..., v) positions (rad).
         reach
-            Distance (rad) from the sides by which a position must at least be inside. If it
-            is negative, positions may be outside by this distance.
+            Least distance (rad) that a position inside a box must have from all its sides.
+            If it is negative, positions may be outside by this distance.
         """
         offsets = wrap(positions - self._centres[pieces])
         # Coordinates along the sides of each box, from its centre.

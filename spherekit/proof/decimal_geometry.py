@@ -95,8 +95,8 @@ class CircleContact:
         first_centre, second_centre
             (3,) unit vectors in any common axes, which are the axes of the result, too.
         """
-        # Both tangents point forwards. `centre_arc` is the arc forwards from the first
-        # centre to the second; a negative arc leads backwards.
+        # Both tangents point forwards. `centre_arc` is the arc from the first centre to the
+        # second. It is positive if it leads forwards, and negative if it leads backwards.
         tangent_at_first, tangent_at_second = _great_circle_tangents(
             first_centre, second_centre, self.centre_arc
         )
@@ -200,7 +200,10 @@ class DecimalGeometry:
         return low, high
 
     def revolute_frames(self) -> Frames:
-        """Return the frames of the revolute pairs in their first and second links, by name.
+        """Return the frames of the revolute pairs in their two links, by names of pairs.
+
+        With these frames, configurations are computed from the exact decimal numbers of the
+        file, not from numbers rounded to float64.
 
         A frame (3, 3) has three unit vectors in link axes as rows: the zero direction, from
         which the pair angle is counted, the side (axis x zero direction), and the axis.

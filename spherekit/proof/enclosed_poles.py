@@ -82,13 +82,16 @@ def _link_angular_velocities(
 ) -> Array:
     """Return the angular velocities of all links at unit rate of one input.
 
-    The other inputs are locked. Angular velocities are relative to the link that is placed
-    first, the root. All numbers are balls, which have a proven bound of their error.
+    The other inputs are locked. The caller subtracts the angular velocities of two links to
+    find their pole. In the difference it does not matter that all of them are relative to
+    the root, the link that is placed first. All numbers are balls, which have a proven
+    bound of their error.
 
     Parameters
     ----------
     equations
-        The closure equations, with the mechanism as the decimal numbers of its file.
+        The closure equations of the mechanism. Its sizes are the decimal numbers that its
+        file states.
     variables
         Balls (rad) of all variables at a configuration: the unknown angles, the inputs, and
         the angles that follow from the inputs through wheels.
@@ -97,17 +100,16 @@ def _link_angular_velocities(
 
     Returns
     -------
-    (links, 3) balls in ground axes.
+    (links, 3) balls, components in ground axes.
     """
     # (equations, variables) derivatives of the closure equations. Columns are in the order
-    # of the variables: unknowns, inputs, followers.
+    # of the variables: unknowns, inputs, followers (angles that wheels determine).
     _, slopes = equations.evaluate(variables)
     construction = equations.construction
     structure = equations.decimal_mechanism.structure
     unknown_count = construction.unknown_count
     input_rates = exact_balls(np.eye(construction.input_count)[input_number])
-    # Followers are pairs with angles that wheels determine: their rates at unit input
-    # rates.
+    # A row for each follower: its rates at unit rates of the inputs.
     ratios = equations.decimal_mechanism.follower_ratios()
     rates = [*input_rates, *(row[input_number] for row in ratios)]
     if unknown_count:
@@ -115,7 +117,7 @@ def _link_angular_velocities(
         right_side = -(slopes[:, unknown_count:] @ rates)
         unknown_rates = solve_balls(slopes[:, :unknown_count], right_side[:, None])[:, 0]
         rates = [*unknown_rates, *rates]
-    # Orientations of the links in the root, with their first derivatives (order 1).
+    # Orientations of the links relative to the root, with their first derivatives.
     orientations = equations.link_orientations(variables, order=1)
     angular_velocities = exact_balls(np.zeros((structure.body_count, 3)))
     for link, jet in orientations.items():

@@ -169,8 +169,8 @@ class Harmonics:
         """Return an equation as a polynomial in z = e^(i angle) of its unknown angles.
 
         All other angles are given, with n sets of values. An equation of degree m in an
-        angle has the powers -m to m of z. Multiplied by z^m, it has the powers 0 to 2 m, so
-        that the index of a coefficient is its power.
+        angle is a sum of the waves e^(i j angle) = z^j with j = -m ... m. Multiplied by
+        z^m, it has the powers 0 to 2 m of z.
 
         Parameters
         ----------
@@ -191,17 +191,21 @@ class Harmonics:
             variable for variable in range(variable_count) if variable not in unknowns
         ]
         given_count = len(given_variables)
-        # The coefficients have an axis for each variable, with an index for each wave. For
-        # an unknown, this is an axis of powers of z.
+        # The coefficients have an axis of length 2 m + 1 for each variable. Its index k
+        # belongs to the wave e^(i (k - m) angle). For an unknown, this wave becomes z^k,
+        # since the equation is multiplied by z^m. So k is then the power of z.
         coefficients = self.coefficients[equation].transpose([*unknowns, *given_variables])
         waves = _evaluate_waves(given, self.max_degree, order=1)
-        # The sum over the waves of the given angles leaves these axes: first one of length
-        # 2 for each given angle, where index 0 is the value and index 1 the derivative.
-        # Next is an axis of powers of z for each unknown. The last axis has the n sets of
-        # given angles.
+        # The sum over the waves of the given angles has these axes:
+        # - first one of length 2 for each given angle. Its index is the order of the
+        #   derivative with respect to this angle;
+        # - next one for each unknown, with the powers of z;
+        # - last one with the n sets of given angles.
         sums = _sum_waves(coefficients, waves)
         # Without given angles, there is no sum, and the last axis has the length 1.
         sums = np.broadcast_to(sums, (*sums.shape[:-1], len(given)))
+        # `_select_derivative` returns the value. With an index k it returns the derivative
+        # with respect to the given angle k.
         values = _select_derivative(sums, given_count)  # (2 m_1 + 1, ..., n)
         slopes = np.empty((given_count, *values.shape), dtype=complex)
         for k in range(given_count):
@@ -216,8 +220,8 @@ class Harmonics:
 class _NodeEvaluator:
     """Evaluates equations at nodes, which are evenly spaced angles of each variable.
 
-    Fourier coefficients are computed from these values. Several equations have nodes in
-    common, so the values of all equations at a node are computed once and stored.
+    Fourier coefficients are computed from these values. The grids of several equations can
+    share nodes, so the values of all equations at a node are computed once and stored.
     """
 
     def __init__(self, evaluate: BallEquations) -> None:
@@ -288,7 +292,7 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
     sums: Complexes = coefficients[..., None]
     # The last variable is summed first. Before its sum, the axes of `sums` are: orders of
     # variables already summed, remaining axes, waves of variables still to sum, points. The
-    # sum turns the last axis of waves into a first axis of orders.
+    # sum removes the last axis of waves, and adds a first axis of orders.
     for waves_of_variable in waves[::-1]:
         # A variable of a lower degree m needs only the waves -m to m, in the middle of the
         # axis.
@@ -418,8 +422,8 @@ def _interpolate(values: Array) -> tuple[Complexes, float]:
     margin = 2.0
     sum_of_magnitudes = np.sum(np.abs(coefficients))
     rounding_error = margin * roundings * UNIT_ROUNDOFF * sum_of_magnitudes
-    # At the nodes the error is at most the radius. Between nodes it can be larger by the
-    # norm of the interpolation.
+    # At the nodes the error is at most the largest radius of a ball. Between the nodes it
+    # can be larger, at most by the factor `_interpolation_norm` for each variable.
     radius_error = largest_radius * prod(map(_interpolation_norm, node_counts))
     # The factor 1.001 covers the rounding of this sum.
     return coefficients, 1.001 * (radius_error + conversion_error) + rounding_error

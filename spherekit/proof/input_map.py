@@ -273,21 +273,22 @@ def _classify_boxes(
     finest_levels = cell_levels + CELL_HALVINGS
     max_at_once = max(1, MAX_ROOTS_AT_ONCE // sum(system.bound for system in systems))
     classified: list[_ClassifiedBoxes] = []
-    # By cell, the numbers of modes of its parts; -1 for parts that are not regular.
+    # By cell, the numbers of modes of its regular parts. -1 is added if a part of the
+    # smallest size is not regular.
     counts_of_cell: dict[tuple[int, ...], set[int]] = defaultdict(set)
 
     def examine(boxes: Integers, examined_count: int) -> Integers:
         """Examine boxes (2, n, inputs), and return the halves of those to be examined next.
 
         A box is regular if all complex roots of the equations can be continued over it and
-        no two of them meet. Boxes have three sizes:
+        no two of them meet. What happens to a box depends on its size:
 
         1. A box of at least the size of a cell is recorded if it is regular. Otherwise it
-           is halved, until it is a cell.
-        2. A cell that is not regular is halved into parts. A regular part adds its number
-           of assembly modes to the set `counts_of_cell` of its cell. Other parts are
-           halved.
-        3. A part of the smallest size that is not regular adds -1 to this set.
+           is halved. A piece that is smaller than a cell is called a part of its cell.
+        2. A part of a cell is not recorded itself. If it is regular, it adds its number of
+           assembly modes to the set `counts_of_cell` of its cell. Otherwise it is halved.
+        3. A part of the smallest size cannot be halved. If it is not regular, its number of
+           modes is unknown, and it adds -1 to the set.
 
         From these sets, `_classify_boxes` classifies the cells in the end.
         """
@@ -315,17 +316,18 @@ def _classify_boxes(
         )
         needs_halving = ~is_regular & ~is_finest
         for row in np.flatnonzero(is_in_cell):
-            # Numbers, in the range of each input, of the cell to which this part belongs.
-            # Each halving below the cell has doubled the number (and added 0 or 1), so the
-            # binary digits of these halvings are removed.
+            # For each input, the index of the cell to which this part belongs. Each halving
+            # of the cell has appended one binary digit to the index. The shift removes
+            # these digits.
             cell_parts = parts[row] >> (levels[row] - cell_levels)
             counts = counts_of_cell[tuple(cell_parts.tolist())]
             if is_regular[row]:
                 counts.add(int(modes[row]))
             elif is_finest[row]:
                 counts.add(-1)
-            # A cell with two numbers of modes contains a singular configuration, so its
-            # other parts need not be halved. -1 is not a number of modes.
+            # The number of modes can change only at a singular configuration. So a cell
+            # with two numbers contains one, and its other parts need not be halved. -1 is
+            # not a number of modes.
             mode_counts = counts - {-1}
             needs_halving[row] &= len(mode_counts) < 2
         # Halve the longest side of each remaining box. Sides that are still longer than the

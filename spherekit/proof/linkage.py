@@ -134,12 +134,14 @@ def _contact_kinematics(
 def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
     """Return the arc lengths (2,) rad at which two profiles touch in the reference pose.
 
-    The reference pose is the configuration in the file. At the contact the frames (tangent,
-    normal, point) of both profile curves coincide. Newton's method solves this by least
-    squares, since the profiles may miss each other by rounding.
+    The reference pose is the configuration in the file. Two wheels begin to roll from there
+    on. So the caller takes the result as the arc lengths at which the variable of their
+    contact is zero.
 
-    Numbers are balls (numbers with a bound of their error). The result is an approximation
-    without a bound.
+    At the contact the frames (tangent, normal, point) of both profile curves coincide.
+    Newton's method solves this by least squares, since the profiles may miss each other by
+    rounding. Numbers are balls (numbers with a bound of their error). The result of
+    Newton's method is an approximation, whose ball has the bound 0.
 
     Parameters
     ----------
@@ -302,8 +304,9 @@ def _contact_starts(
 class LoopClosure:
     """Configurations in which Newton's method has closed the loops, from k starts.
 
-    Arrays contain balls: numbers with a bound (radius) of their error. Newton's method
-    gives approximations without bounds, so the radius of its results is 0.
+    The caller expands the motion about these configurations in power series. Arrays contain
+    balls: numbers with a bound (radius) of their error. Newton's method gives
+    approximations without bounds, so the radius of its results is 0.
 
     Attributes
     ----------
@@ -314,7 +317,7 @@ class LoopClosure:
         as inputs, have their start values.
     inverse
         (k, free, equations) left inverses of the derivatives of the loop equations with
-        respect to these variables.
+        respect to the `free` variables.
     condition
         (k,) condition numbers of these derivatives: Frobenius norm of the matrix times the
         Frobenius norm of its inverse.
@@ -343,11 +346,13 @@ class LoopClosure:
 class _PlacedPair:
     """A pair (joint) of two links, with its place in the mechanism.
 
+    With it, `Linkage` orients the links, and computes pair axes in ground axes.
+
     Attributes
     ----------
     kinematics
         Functions for the rotation of the second link relative to the first, and for the
-        axis.
+        pair axis or contact point in the first link.
     variables
         Indices of the pair's variables among all variables of the mechanism.
     first_link
@@ -674,6 +679,9 @@ class Linkage:
 
 def _find_path_senses(mechanism: Mechanism, tree: Sequence[tuple[int, int, int]]) -> Floats:
     """Return in which sense the path from the ground to each link passes each pair (joint).
+
+    With these senses as factors, the angular velocity of a link is the sum of the angular
+    velocities of the pairs on its path.
 
     Parameters
     ----------

@@ -91,14 +91,15 @@ def approximate_modes(
 class SystemSolution:
     """All roots of a system of equations at one set of values of its given variables.
 
-    Roots at other values are followed from these roots.
+    Given variables are inputs, and angles that other systems have determined. Roots at
+    other values of the given variables are followed from these roots.
 
     Attributes
     ----------
     given
         (given,) angles (rad) of the given variables.
     roots
-        All roots, including complex roots and roots at infinity.
+        All roots e^(i angle), including complex roots and roots at infinity.
     """
 
     given: Floats
@@ -107,11 +108,14 @@ class SystemSolution:
 
 @dataclass(frozen=True)
 class RootAngles:
-    """Angles of n roots at the centre of a box of inputs, and their motion over the box.
+    """Angles of n roots at the centre of a box of inputs, and their change over the box.
 
     A root is a solution of a system of closure equations: k unknown angles, which change
-    with the inputs. Only the rows of real roots have meaningful angles. The rows of complex
-    roots remain, so that root i is in row i.
+    with the inputs. At any inputs in the box, an angle is the one at the centre, plus the
+    rates times the changes of the inputs, with at most the given error.
+
+    Only the rows of real roots have meaningful angles. The rows of complex roots remain, so
+    that root i is in row i.
 
     Attributes
     ----------
@@ -120,7 +124,7 @@ class RootAngles:
     rates
         (n, k, inputs) derivatives with respect to the inputs.
     error
-        (n, k) largest deviation (rad) from linear motion, anywhere in the box.
+        (n, k) largest deviation (rad) from this linear change, anywhere in the box.
     """
 
     angle: Floats
@@ -229,14 +233,14 @@ class EquationSystem:
         Parameters
         ----------
         circle_points
-            (m, given, 2) cosines and sines of m sets of given angles. The error bounds
-            assume that each is the exact value, rounded once.
+            (m, given, 2) cosines and sines of m sets of given angles. The error bounds are
+            valid if each number is an exact cosine or sine, rounded once.
 
         Returns
         -------
         For each set the coefficients, with error bounds, and their derivatives with respect
-        to the given angles. For proofs, also the trigonometric degrees of the equations,
-        and bounds of their derivatives at real angles.
+        to the given angles. Proofs also need two properties of the equations: their
+        trigonometric degrees, and bounds of their derivatives with respect to real angles.
         """
         coefficients = []
         derivatives = []
@@ -584,17 +588,23 @@ def count_modes(
 def _bound_root_angles(
     roots: ChartRoots, tubes: RootTubes, half_widths: Floats
 ) -> RootAngles:
-    """Return the angles of roots and their motion over boxes of the inputs.
+    """Return the angles of n roots, and how they change over boxes of the inputs.
 
-    A coordinate of a root is z = e^(i s angle), with the sense s = 1, or s = -1 if the
+    A root is a solution of closure equations for k unknown angles. Each real root extends
+    an assembly mode (way to assemble the links) by these angles. The equations of the next
+    links are then solved with them.
+
+    A root has k coordinates z = e^(i s angle), with the sense s = 1, or s = -1 if the
     inverse is stored. With the derivatives z' of z, the derivatives of the angle with
-    respect to the inputs are z' / (i s z). Only real roots matter: their angles are real,
-    so imaginary parts are errors of the approximation.
+    respect to the inputs are z' / (i s z).
+
+    The caller uses only real roots. Their exact angles are real, so only the real parts of
+    the computed derivatives are returned.
 
     Parameters
     ----------
     roots
-        The approximate roots. Each coordinate is e^(i angle) or its inverse.
+        The approximate roots at the centres of the boxes.
     tubes
         For each root the derivatives z' (`rates`) with respect to the inputs, and how far
         the exact root can be from this linear motion over the box.

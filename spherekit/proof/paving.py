@@ -126,12 +126,12 @@ def _choose_weights(slopes: Floats) -> Floats:
 
 
 def _bound_rounding_of_sums(values: Floats, slopes: Floats, radii: Floats) -> Floats:
-    """Return bounds (n, k) of the rounding errors that equations bring to weighted sums.
+    """Return bounds (n, k) of the rounding errors of weighted sums of equations.
 
     A caller multiplies k equations by weights and adds them up, to test whether a box can
-    contain a solution. Each equation brings two rounding errors to the sum: of the product
-    with its value at the centre of the box, and with its linear change over the box. The
-    bounds are for a weight of 1. The caller multiplies them by the weights.
+    contain a solution. Two products are rounded for each equation. One is the weight times
+    the value at the centre of the box. The other is the weight times the linear change over
+    the box. The bounds are for a weight of 1. The caller multiplies them by the weights.
 
     Parameters
     ----------

@@ -79,9 +79,10 @@ class SurfaceDerivatives:
     singular: l F' is nearly 0 for a constant unit vector l. The equations are therefore
     replaced by F(z) = g l with a new unknown number g, called the level.
 
-    These n - 1 equations have n + 1 unknowns. If two linear functions u and v of z are
-    given, they determine z and g. So z and g are functions of u and v, and the points z
-    form a surface. The configurations are the points of the surface with g = 0.
+    These n - 1 equations have n + 1 unknowns. u and v are two coordinates of z, linear
+    functions of z. The values of u and v are given as two more equations. Then z and g are
+    determined, so they are functions of u and v. The points z form a surface. The
+    configurations are the points of the surface with g = 0.
 
     Attributes
     ----------
@@ -112,9 +113,14 @@ class SurfaceCurvatures:
     singular: l F' is nearly 0 for a constant unit vector l. The equations are therefore
     replaced by F(z) = g l with a new unknown number g, called the level.
 
-    These n - 1 equations have n + 1 unknowns. If two linear functions u and v of z are
-    given, they determine z and g. So z and g are functions of u and v, and the points z
-    form a surface. The configurations are the points of the surface with g = 0.
+    These n - 1 equations have n + 1 unknowns. u and v are two coordinates of z, linear
+    functions of z. The values of u and v are given as two more equations. Then z and g are
+    determined, so they are functions of u and v. The points z form a surface. The
+    configurations are the points of the surface with g = 0.
+
+    The second derivatives are used to find the point where the gradient of g is 0. Only
+    there can curves g = 0 cross. The signs and sizes of these derivatives also give the
+    directions of the curves at a crossing.
 
     Attributes
     ----------
@@ -463,9 +469,9 @@ class ReducedEquation:
 
         Returns
         -------
-        (n,) balls of radius 0, since a step needs no error bounds.
+        (n,) balls of radius 0, since a step of an iteration needs no error bounds.
         """
-        # The residual is the error F(z) - g l at the position. The number g is not needed.
+        # g is the component of F(z) along l. The step needs only the residual F(z) - g l.
         _level, residual = self.split_residual(position)
         # First and second derivatives of z and g with respect to u and v.
         first, second = self.differentiate_twice(position, residual)
@@ -540,7 +546,9 @@ class SaddleReduction:
     configurations cross or narrowly miss each other. There all equations but one are
     solved, so that all variables become functions of two coordinates u and v. The last
     equation is g(u, v) = 0: its zeros are the configurations. The directions of u and v are
-    chosen so that g is convex in u and concave in v.
+    chosen so that g is convex in u and concave in v. A proof
+    about the curves takes the sides of a rectangle about the saddle point from `units`. It
+    takes the limits of the other coordinates from `other_curvatures`.
 
     Attributes
     ----------
@@ -548,12 +556,12 @@ class SaddleReduction:
         The reduced equation. Its centre is the saddle point.
     units
         (2,) unit lengths of u and v. If u and v are divided by these units, the two curves
-        of a crossing are the diagonals u = v and u = -v, to first order. The larger unit is
-        1.
+        of a crossing are the diagonals u = v and u = -v, to first order. Only their ratio
+        matters, so they are scaled to make the larger unit 1.
     other_curvatures
-        (n - 2, 2, 2) second derivatives with respect to u and v, of n - 2 further
-        coordinates at right angles to u and v, as magnitudes. These derivatives say how far
-        the curves leave the plane of u and v.
+        (n - 2, 2, 2) absolute values of the second derivatives, with respect to u and v, of
+        the n - 2 further coordinates, which are at right angles to u and v. They say how
+        far the curves leave the plane of u and v.
     """
 
     reduced_equation: ReducedEquation

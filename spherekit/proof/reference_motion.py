@@ -144,8 +144,9 @@ def find_table_kinks(parts: Sequence[LoadComponent], until: float) -> list[Ball]
         if isinstance(table, TorqueTable):
             table_times = exact_balls(table.times)
             period = table_times[-1] - table_times[0]
-            # A listed time can be shifted into the times from 0 to `until` by no more than
-            # this distance, forwards or backwards.
+            # `longest_shift` is an upper bound of the distance, forwards or backwards, from
+            # a listed time to any time between 0 and `until`. A few periods more than
+            # necessary do no harm, as times outside are left out below.
             period_count = 0
             if table.periodic:
                 longest_shift = until + np.max(np.abs(table.times))
@@ -526,9 +527,10 @@ class ExactSimulation:
         B, dB = equivalent_inertia(self.mechanism, rotations, w, dw)
         speed = p / np.sqrt(B)
 
-        # 3. The generalised force Q of the loads. Tables over time are piecewise linear; a
-        #    time in the middle of the step selects the right piece. Signs in loads, such as
-        #    that of dry friction, are constant in a step (`switch_signs`).
+        # 3. The generalised force Q of the loads. Torque tables over time are piecewise
+        #    linear. A time in the middle of the step selects the piece that is valid in the
+        #    step. Signs in loads, such as that of dry friction, are constant in a step
+        #    (`switch_signs`).
         time_inside = float(step.start + step.length / 2)
         moving = MovingMechanism(values=values, rates=first, w=w, rotations=rotations)
         force, _ = self._generalised_force(moving, speed, t, step.switch_signs, time_inside)
@@ -971,13 +973,15 @@ class ExactSimulation:
     def _find_sign_changes(self, step: _TimeStep) -> Iterator[_SignChange]:
         """Yield the first sign change of each condition that has one in a time step.
 
-        A condition is a quantity that is positive while the step is valid: a joint limit is
-        not reached, or a sign in a load is right. A condition is a Legendre series in time,
-        from -1 at the start of the step to 1 at its end. The sign change is first found
-        between samples in float64. Then bisection of this interval computes the change in
-        all digits.
+        A condition is a quantity that is positive while the step is valid. It says that a
+        joint limit is not reached, or that a sign in a load, such as the sense of dry
+        friction, is the one with which the step was computed. A condition is a Legendre
+        series in time, from -1 at the start of the step to 1 at its end. The sign change is
+        first found between samples in float64. Then bisection of this interval computes the
+        change in all digits.
 
-        `is_at_start` is True for a sign change in the first interval.
+        A sign change in the first interval has `is_at_start` True. By this the caller finds
+        out that signs change back at once, so that the motion cannot continue.
         """
         # The start itself is not examined. A condition that has just changed is nearly 0
         # there, with either sign.
@@ -997,7 +1001,7 @@ class ExactSimulation:
                     low=exact_ball(interval_starts[interval]),
                     high=exact_ball(interval_ends[interval]),
                 ),
-                # Index of the sign in a load that changes, or a joint limit.
+                # Index of the sign in a load that changes, -1 for a joint limit.
                 switch=end_condition.switch,
                 is_at_start=interval == 0,
             )

@@ -674,15 +674,17 @@ def _component_along(vectors: Array, directions: Array) -> Array:
 def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) -> Floats:
     """Return the derivative u' (n, 3) of a pole direction u with respect to the input.
 
-    The pole of two links is the axis of their relative rotation. There are four cases:
+    The pole of two links is the axis of their relative rotation. Each row is one
+    configuration, and belongs to one of four cases:
 
     - The pole is the axis of a revolute pair (joint). It turns with both links.
     - The links move relative to each other. u' follows from their relative velocity and its
       derivative.
     - The links touch in a rolling contact, and rest relative to each other. The contact
       point rests on both links, so it turns with them.
-    - Otherwise u' is NaN: the links rest and no pair joins them, or rounding leaves open
-      whether they rest.
+    - Otherwise u' is NaN. Either the links rest and no such pair joins them. Or their
+      relative velocity is so near its rounding error that neither motion nor rest is
+      certain.
 
     Parameters
     ----------
@@ -715,12 +717,13 @@ def _derivative_with_link(reference: ExactRows, pair: int, direction: Array) -> 
     """Return the derivative w x u (n, 3) of a direction u that is fixed in a link.
 
     u is the axis about which the two links of a pair (joint) rotate relative to each other.
+    The derivative is with respect to the input.
 
     Parameters
     ----------
     reference
-        Reference rows with the angular velocity w of the link, in balls (numbers with a
-        bound of their error).
+        The n configurations, with the angular velocity w of the link at unit rate of the
+        input. The numbers are balls (numbers with a bound of their error).
     pair
         Index of the pair. The first of its links is the link in which u is fixed.
     direction

@@ -413,8 +413,9 @@ def evaluate_polynomials(polynomials: Polynomials, roots: ChartRoots) -> Polynom
 def polish_roots(polynomials: Polynomials, roots: ChartRoots) -> tuple[ChartRoots, Bools]:
     """Improve approximate roots of systems of polynomials by Newton's method.
 
-    A coordinate z of a root is e^(i angle) of an unknown or its inverse, with a magnitude
-    of at most about 1. So a step of 1 or more means failure, and the root stays as it is.
+    A coordinate z of a root is e^(i angle) of an unknown angle, or the inverse of this
+    number. The one with a magnitude of at most about 1 is stored. So a step of 1 or more
+    means failure. The root then keeps its value before this step.
 
     Parameters
     ----------
@@ -827,15 +828,17 @@ def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) 
 def _bound_gap_change(radius: Floats, other_radius: Floats) -> Floats:
     """Return how much the gap of two roots can change within their errors.
 
-    The stored coordinates y and z of the roots are e^(i angle) or its inverse, with
-    magnitudes of at most about 1 and errors of at most r and s. The gap
-    (`ChartRoots.pairwise_gaps`) is
+    Two roots are proven to differ if their gap is larger than this change. A coordinate of
+    a root is e^(i angle). It is stored inverted if its magnitude exceeds 1. So the stored
+    coordinates y and z of two roots have magnitudes of at most about 1. Their errors are at
+    most r and s. The gap (`ChartRoots.pairwise_gaps`) is
 
         |y - z|,     if both are stored in the same way: it changes by at most r + s,
         |y z - 1|,   if one is stored inverted: it changes by at most about r + s + r s.
 
-    The larger bound is taken for both. `ROUND_UP` covers its rounding, and 1e-14 the
-    rounding of a gap. The factor 1.5 is a margin, for magnitudes slightly above 1.
+    The second bound is larger, and is used in both cases. `ROUND_UP` covers its rounding,
+    and 1e-14 the rounding of a gap. The factor 1.5 is a margin, for magnitudes slightly
+    above 1.
 
     Parameters
     ----------
@@ -865,7 +868,7 @@ def classify_real_roots(
         The approximate roots.
     radius, uniqueness_radius
         (n,) largest error of each approximation, and radius about it in which there is only
-        one root. Both apply to each coordinate.
+        one root. Both are distances in every single coordinate z.
 
     Returns
     -------
@@ -877,7 +880,8 @@ def classify_real_roots(
     root_radius = radius[:, np.newaxis] * ROUND_UP + 1e-14
     mirror_distance = _bound_mirror_distance(magnitude, root_radius)
     mirror_is_inside = mirror_distance * ROUND_UP < uniqueness_radius[:, np.newaxis]
-    # The bound requires a magnitude above the radius. For safety, twice the radius counts.
+    # The bound of the mirror distance holds only if the magnitude exceeds the radius. For
+    # safety, it must exceed twice the radius.
     has_valid_bound = magnitude > 2 * root_radius
     is_real = np.all(has_valid_bound & mirror_is_inside, axis=1)
     is_not_real = np.any(np.abs(magnitude - 1.0) > root_radius, axis=1)

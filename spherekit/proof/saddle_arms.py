@@ -33,12 +33,15 @@ class SaddleDerivatives:
     These balls contain all values in a rectangle about the saddle. u and v are scaled so
     that curves that cross are nearly the diagonals u = v and u = -v.
 
+    From the derivatives, `bound_arm_rates` proves in which sense each variable changes
+    along the branches of the curves.
+
     Attributes
     ----------
     variable_rates
-        (variables, 2) first derivatives of the variables.
+        (variables, 2) first derivatives of the variables with respect to u and v.
     hessian
-        (2, 2) second derivatives of g.
+        (2, 2) second derivatives of g with respect to u and v.
     size
         Largest |u| or |v| of the rectangle.
     """
@@ -135,6 +138,7 @@ class SlopeBounds:
     """Bounds of the slope v / u on an arm: a branch of configuration curves at a saddle.
 
     u and v are coordinates with the saddle at u = v = 0. Both bounds have the same sign.
+    With the bounds, the signs of the rates of variables along the arm are proven.
 
     Attributes
     ----------
@@ -217,12 +221,18 @@ class SectorRates:
     """Signs of rates in all directions from a saddle between two directions.
 
     A saddle is a place where two configuration curves, zeros of a function g(u, v), cross
-    or nearly do. Rates are derivatives of the variables of the mechanism along the tangent
-    (-g_v, g_u), with the derivatives g_u and g_v of g. The function g counts as a quadratic
-    form, up to errors that the signs allow for. So the rates are linear functions of u and
-    v. A point between the two directions is a sum of one point in each direction, and a
-    rate is the sum of the rates at these two points. So a sign that is equal in both
-    directions is valid between the directions.
+    or nearly do. A curve near it stays between two directions from the saddle. The signs
+    prove which variables of the mechanism grow along this curve, and which fall.
+
+    Rates are derivatives of the variables along the tangent (-g_v, g_u) of the curve, where
+    g_u and g_v are derivatives of g. Near the saddle, g is a constant plus a quadratic
+    form, up to an error. So the rates are linear functions of u and v, up to errors. The
+    rates are computed as intervals that contain these errors, and only signs of whole
+    intervals are used.
+
+    A point between the two directions is a sum of one point in each direction. A rate there
+    is the sum of the rates at these two points. So a sign that is equal in both directions
+    is valid between the directions.
 
     Attributes
     ----------
@@ -257,9 +267,10 @@ def _bound_arm_slopes(hessian: Array, relative_form_error: float) -> ArmSlopes:
     branches that leave it, in coordinates u and v. The bounds serve to prove the signs of
     rates along the arms.
 
-    On an arm, the quadratic form Q = a u^2 + 2 b u v - d v^2 is 0 up to an error. u and v
-    are scaled so that the arms are nearly the diagonals, and a and d are positive. The
-    slopes with Q = 0 are (b +- sqrt(b^2 + a d)) / d, one positive and one negative.
+    On an arm, the quadratic form Q = a u^2 + 2 b u v - d v^2 is 0 up to an error, which
+    `relative_form_error` (called E in the comments) bounds. u and v are scaled so that the
+    arms are nearly the diagonals, and a and d are positive. The slopes with Q = 0 are
+    (b +- sqrt(b^2 + a d)) / d, one positive and one negative.
 
     Parameters
     ----------
@@ -272,7 +283,7 @@ def _bound_arm_slopes(hessian: Array, relative_form_error: float) -> ArmSlopes:
     Raises
     ------
     ZeroDivisionError
-        If there may not be two real directions with Q = 0.
+        If it is not certain that Q = 0 has one positive and one negative slope.
     """
     # On an arm Q = e m^2 with |e| <= E. Where |u| is larger, m^2 = u^2, and Q with a - e
     # for a is exactly 0. Where |v| is larger, Q with d + e for d is exactly 0. So the balls
@@ -364,13 +375,13 @@ def _prove_rate_signs(
     """Return the signs of the rates of all variables along an arm, towards larger v.
 
     An arm is a branch of configuration curves, the zeros of g(u, v), that leaves a saddle
-    (where curves cross or nearly do). Rates are derivatives of the variables along the
-    tangent of the arm, in the sense in which v grows.
+    (where curves cross or nearly do) at u = v = 0. Rates are derivatives of the variables
+    along the tangent (-g_v, g_u) of the arm, with the derivatives g_u and g_v of g. If g_u
+    is proven to be positive, v grows along this tangent.
 
-    The slope v / u on the arm is between two bounds. The tangent is (-g_v, g_u), with the
-    derivatives g_u and g_v of g. The function g counts as a quadratic form up to a small
-    error, so each rate is a linear function of u and v. If a rate has the same sign in the
-    directions of both bounds, it has this sign on the whole arm.
+    The slope v / u on the arm is between two bounds. The function g is a quadratic form up
+    to a small error, so each rate is a linear function of u and v. If a rate has the same
+    sign in the directions of both bounds, it has this sign on the whole arm.
 
     Parameters
     ----------
@@ -387,12 +398,14 @@ def _prove_rate_signs(
     (variables,) the signs, 0 if not proven.
     """
     # `flat` and `steep` are the slope bounds of smaller and of larger magnitude. The rates
-    # are evaluated at u > 0. At (-u, -v) the signs towards larger v are the same.
+    # are evaluated at points with u > 0. The result is also valid for the opposite arm: at
+    # (-u, -v) the tangent (-g_v, g_u) and all rates along it are reversed. So the signs
+    # towards larger v are the same as at (u, v).
     sector = SectorRates(
         first=_evaluate_direction(derivatives, slope_bounds.flat, relative_gradient_error),
         last=_evaluate_direction(derivatives, slope_bounds.steep, relative_gradient_error),
     )
-    # If v is not proven to grow along this tangent, no sign is known.
+    # Without a proof that v grows along (-g_v, g_u), no sign is known.
     if not sector.is_towards_larger_v:
         return np.zeros_like(sector.signs)
     return sector.signs
@@ -451,19 +464,28 @@ def _list_extreme_points(slope_bounds: SlopeBounds) -> list[Floats]:
 def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRates:
     """Return whether each variable grows along the arms of a saddle, and bounds of changes.
 
-    A saddle is a place where two configuration curves, zeros of g(u, v), cross or nearly
-    do. The arms are the four branches that leave it, one in each quadrant of the
-    coordinates u and v. The result has, for each arm, the signs of the derivatives (rates)
-    of all variables along the arm, away from the saddle (`outward_signs`). `reach` is the
-    largest change (rad) of each variable on the arm.
+    A saddle is a place where two configuration curves cross or nearly do. Near it, the
+    curves are the zeros of a function g(u, v) of two coordinates. They are known in a
+    rectangle about the computed saddle, u = v = 0. The arms are the four branches that
+    leave the saddle, one in each quadrant of u and v.
+
+    The rate of a variable is its derivative along an arm, away from the saddle. Where a
+    rate has a proven sign, the variable is not stationary on the arm. Where it has none,
+    the variable may be stationary. The bound of its change (`reach`) then says how far from
+    the saddle this can be.
 
     Parameters
     ----------
     derivatives
-        Derivatives of the variables and of g in a rectangle about the saddle.
+        Derivatives of the variables and of g in the rectangle.
     errors
-        Bounds of how much the arms differ from arms of the quadratic form
-        Q = (u, v) g'' (u, v)^T, which are the straight lines with Q = 0.
+        If g were a quadratic form, the arms would be straight lines. The errors bound how
+        much the arms and the gradient of g differ from this case.
+
+    Returns
+    -------
+    For each arm, the proven signs of the rates of all variables (`outward_signs`), and
+    bounds (rad) of the changes of all variables on the arm (`reach`).
 
     Raises
     ------
@@ -480,15 +502,16 @@ def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRat
         (arm_slopes.positive, (1, 1), (-1, -1)),
         (arm_slopes.negative, (-1, 1), (1, -1)),
     ):
-        # Away from the saddle, v grows on the first arm and falls on the second. So the
-        # signs of the rates are opposite.
+        # The first arm leads away from the saddle towards larger v, the second towards
+        # smaller v. So the outward signs of the second arm are reversed.
         signs_towards_larger_v = _prove_rate_signs(
             derivatives, slope_bounds, errors.relative_gradient_error
         )
         outward_signs[quadrant_of_larger_v] = signs_towards_larger_v
         outward_signs[quadrant_of_smaller_v] = -signs_towards_larger_v
-        # The changes are proportional to the larger of |u| and |v|, which is at most the
-        # size of the rectangle. The exact saddle may be a little beside u = v = 0.
+        # The bounds are divided by the larger of |u| and |v|, which is at most the size of
+        # the rectangle. `centre_error` is added because the exact saddle may be a little
+        # beside the computed one, u = v = 0.
         relative_changes = _bound_changes(derivatives, slope_bounds)
         changes_to_border = relative_changes * derivatives.size + errors.centre_error
         reach[quadrant_of_larger_v] = changes_to_border
@@ -632,8 +655,11 @@ def _evaluate_sector_about_v_axis(
     rays from the saddle, one for each arm. Their slopes are the bounds of smaller magnitude
     (the flat ones), so the sector contains the whole arc.
 
-    Rates are derivatives of the variables along the curve, nearly linear functions of u and
-    v. A sign that is equal at both edges is therefore valid in the whole sector.
+    Rates are derivatives of the variables along the curve. Up to errors for which the signs
+    allow, they are linear functions of u and v. The rate at a point between the edges is
+    then the sum of the rates at one point of each edge. So a sign that is equal at both
+    edges is valid in the whole sector. The caller proves by this sign that a variable only
+    grows or only falls along the arc.
 
     Parameters
     ----------
@@ -666,8 +692,11 @@ def _evaluate_sector_about_u_axis(
     rays from the saddle, one for each arm. Their slopes are the bounds of larger magnitude
     (the steep ones), so the sector contains the whole arc.
 
-    Rates are derivatives of the variables along the curve, nearly linear functions of u and
-    v. A sign that is equal at both edges is therefore valid in the whole sector.
+    Rates are derivatives of the variables along the curve. Up to errors for which the signs
+    allow, they are linear functions of u and v. The rate at a point between the edges is
+    then the sum of the rates at one point of each edge. So a sign that is equal at both
+    edges is valid in the whole sector. The caller proves by this sign that a variable only
+    grows or only falls along the arc.
 
     Parameters
     ----------

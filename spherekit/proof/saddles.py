@@ -495,14 +495,16 @@ class _CentreMagnitudes:
     """Upper bounds of the magnitudes of g(u, v) and its slopes at the centre u = v = 0.
 
     The point u = v = 0 is the centre of a rectangle near a saddle, where curves of
-    configurations cross or nearly do. The configurations are the zeros of g.
+    configurations cross or nearly do. The configurations are the zeros of g. The proof that
+    these zeros are four arms (`_has_four_arms`) uses the bounds.
 
     Attributes
     ----------
     value
-        Bound of g.
+        Bound of the magnitude of g.
     slope_u, slope_v
-        Bounds of the derivatives of g with respect to u and with respect to v.
+        Bounds of the magnitudes of the derivatives of g with respect to u and with respect
+        to v.
     """
 
     value: float
@@ -612,17 +614,21 @@ def _has_saddle_point_within(
 ) -> bool:
     """Return whether the saddle point of g(u, v) has ``|v|`` below the inner height h.
 
-    Configuration curves are the zeros of g in a rectangle. g is convex in u and concave in
-    v. For each v, let b(v) be the least value of g along u in the rectangle, the bottom of
-    a valley. As the least of concave functions of v, b is concave. b is highest at the v of
-    the saddle point. So the saddle point is within h if b(0) exceeds b(h) and b(-h). These
-    values are compared with g(0, 0):
+    This is the last part of the proof that the configuration curves near a saddle, the
+    zeros of g in a rectangle, are four arms. g is convex in u and concave in v.
 
-    - b(0) is lower by at most the valley depth u_limit ``|g_u(0, 0)|``, because g is convex
-      in u.
-    - b(h) and b(-h) are lower by at least the descent of g from the centre to v = h or -h.
+    For each v, let b(v) be the least value of g along u in the rectangle, the bottom of a
+    valley. The saddle point is the lowest point of g along u and the highest along v. So
+    its v is the one at which b is highest. b is concave, because it is the least of concave
+    functions of v. So the highest point of b is between -h and h if b(0) exceeds b(h) and
+    b(-h). All three are compared with g(0, 0):
 
-    So it is enough that the descent exceeds the valley depth. As a margin, the test
+    - b(0) >= g(0, 0) - u_limit ``|g_u(0, 0)|``, because g is convex in u. The subtracted
+      product is called the valley depth.
+    - b(h) <= g(0, h), because the least value along u is at most that at u = 0. So b(h) is
+      lower than g(0, 0) by at least the descent g(0, 0) - g(0, h). The same is true for -h.
+
+    So it is enough that both descents exceed the valley depth. As a margin, the test
     requires twice the depth.
 
     Parameters
@@ -637,6 +643,7 @@ def _has_saddle_point_within(
         (2, 2) balls (numbers with error bounds) of the second derivatives; the second
         derivative with respect to v is negative.
     """
+    # A lower bound of both descents, to v = h and to v = -h.
     descent = _bound_descent_along_v(inner_height, centre.slope_v, hessian)
     valley_depth_at_centre = u_limit * centre.slope_u
     # 1.001 allows for the rounding of a few float64 products.

@@ -554,8 +554,8 @@ def _find_middle_piece(
     stretch
         The stretch to cut.
     ratio
-        Where to look for the centre, as a fraction of the straight line from start to end
-        of the stretch.
+        Where to look for the centre of the arc, as a fraction of the straight line from
+        start to end of the stretch.
 
     Returns
     -------
@@ -848,6 +848,9 @@ def _find_arc_with_sign(
     A stretch is a part of a curve, and the rate is the derivative of a variable along it. A
     certified arc is a part of the curve that is proven to be the only arc in a box.
 
+    The caller searches one arc on each side of a zero of the rate. If the signs at the
+    centres of both arcs are opposite, the zero is proven to be between them.
+
     Parameters
     ----------
     equations
@@ -857,8 +860,8 @@ def _find_arc_with_sign(
     variable
         Index of the variable. The rate is the derivative of this variable along the curve.
     ratio
-        Where to look for the centre, as a fraction of the straight line from start to end
-        of the stretch.
+        Where to look for the centre of the arc, as a fraction of the straight line from
+        start to end of the stretch.
     rate_sign
         The required sign, 1 or -1.
 

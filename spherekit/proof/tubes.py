@@ -151,7 +151,8 @@ class OrientedBox:
 
         `centres` and `radii` (n, v) are the centres and half lengths (rad) of the boxes.
         """
-        # Half length of each box along the sides of this box, raised by rounding.
+        # Half length of each box along the sides of this box. It is enlarged, so that
+        # rounding errors cannot make it too small.
         reach = radii @ np.abs(self.frame) * ROUND_UP + COORDINATE_ROUNDING_RAD
         return self._contain(centres, reach)
 
@@ -490,12 +491,18 @@ class TubeTest:
     def _bound_taylor_remainder(self, reach: Floats) -> Floats:
         """Return bounds of the error of Taylor's formula F' = F'(0) + F''(0) x.
 
-        F' and F'' are derivatives of the equations along a frame, with coordinates x: the
-        tangent and the normals of the configuration curve at x = 0. An equation is a
-        trigonometric polynomial, with the degree d_i along coordinate i (`degrees`). A
-        derivative with respect to several coordinates is at most a constant times the
-        product of their degrees (Bernstein's inequality). The constant is C (`third_bound`)
-        for third derivatives, and E (`derivative_error`) for errors of computed ones.
+        F' and F'' are the first and second derivatives of the k equations with respect to v
+        coordinates x. The coordinates are along a frame: the tangent and the normals of the
+        configuration curve at x = 0. `bound_slope_change` needs the error to bound F' in a
+        whole box.
+
+        An equation is a trigonometric polynomial, with the degree d_i along coordinate i
+        (`degrees`). Two bounds are products of degrees. The first one is Bernstein's
+        inequality:
+
+        - A third derivative is at most C d_i d_j d_l, with the constant C (`third_bound`).
+        - The errors of the computed F'(0) and F''(0) are at most E d_i and E d_i d_j, with
+          the constant E (`derivative_error`).
 
         Let S be the sum of all d_j times the largest ``|x_j|``. Three bounds are added for
         coordinate i:

@@ -431,7 +431,9 @@ class Batch:
 
         Here w_i and w_j are the angular velocities of the links i and j. The pole (axis of
         their relative rotation) is along w_j - w_i. If the ratio is small, digits cancel in
-        this difference. The ratio is 1 for the axis of a pair.
+        this difference, so the computed pole has few correct digits. If a pair joins the
+        links, the pole is the axis of the pair. No difference is computed then, and the
+        result is 1.
         """
         return self._pole(i, j, "conditioning", moved)
 
@@ -482,8 +484,8 @@ class Batch:
         """Return an error bound (n,) of `direction_dq`, 1/rad.
 
         `direction_dq` is the derivative of a pole direction with respect to the input. The
-        bound limits the length of the error vector of this derivative. The bound is NaN
-        where `direction_dq` is NaN.
+        bound limits the length of the difference from the exact derivative. The bound is
+        NaN where `direction_dq` is NaN.
         """
         return self._pole(i, j, "direction_dq_error_bound", moved)
 
@@ -637,9 +639,9 @@ class Batch:
 
         A pole is the instantaneous axis of the relative rotation of two links. An analysis
         declares in its `Needs` which quantities of which poles it reads, because a run
-        computes only these. `Needs` has several sets of poles. Most quantities are computed
-        for the poles of two or more of these sets. For example, a direction is computed for
-        poles in `directions` and for poles in `rates`.
+        computes only these. `Needs` has several sets of poles. It is enough that the pole
+        is in one of the sets for which the quantity is computed. For example, a direction
+        is computed for poles in `directions` and for poles in `rates`.
 
         Parameters
         ----------

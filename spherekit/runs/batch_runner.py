@@ -150,7 +150,8 @@ class BlockRows:
         # Rows count as certified, and have the status OK (0), until `fill` changes this.
         self.is_certified = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
-        # Error bounds near dead centres, only of rows that are solved again.
+        # Error bounds near dead centres. Rows that the position analysis does not solve
+        # again keep NaN.
         self.singular_error = nans(n)
         # `values` are the pair variables (joint angles). `_column_function` computes the
         # error bounds of rows.
@@ -165,7 +166,7 @@ class BlockRows:
             self._column_function = kernel.row_quality
         mode_count = len(position_analysis.assembly_modes)
         sample_count = n // mode_count
-        # The results of a whole slice (group of rows) should fit into the processor cache.
+        # The results of a whole slice should fit into the processor cache.
         numbers_per_row = self._column_function.width
         slice_size = _choose_slice_size(numbers_per_row)
         self.slices = split_rows(mode_count, sample_count, slice_size)
@@ -238,9 +239,12 @@ class BlockRows:
     def _examine_slice(self, row_slice: RowSlice) -> SliceReversals | None:
         """Find where in a slice of rows the computed directions of poles may reverse.
 
-        A pole is the axis of the relative rotation of two links. Its direction must be
-        continuous from row to row. Only certified rows (with small error bounds) are
-        examined. The result is None if the slice has no such row.
+        A pole is the axis of the relative rotation of two links. Its computed direction may
+        reverse from row to row, because an axis has two directions. Only where it may
+        reverse, directions are compared later to make them continuous.
+
+        Only certified rows (with small error bounds) are examined. The result is None if
+        the slice has no such row.
         """
         mode, slice_rows = row_slice
         rows = slice_rows.start + np.flatnonzero(self.is_certified[slice_rows])
@@ -268,8 +272,9 @@ class BlockRows:
         Returns
         -------
         The rows between which the computed direction of a pole (axis of the relative
-        rotation of two links) may reverse. None if rows of the slice still have to be
-        solved, or if none is certified.
+        rotation of two links) may reverse. Only there, directions are compared later to
+        make them continuous. None if rows of the slice still have to be solved, or if none
+        is certified.
         """
         mode, rows = row_slice
         columns = self._evaluate_slice(mode, rows)
@@ -278,7 +283,8 @@ class BlockRows:
         # `is_certified` is true and `status` is OK for all rows from the beginning.
         self._store_closure(rows, columns)
         row_numbers = np.arange(rows.start, rows.stop)
-        # `_column_function` is the function that has computed the columns.
+        # `_column_function` has computed the columns. It knows the quantity of each
+        # column.
         return find_slice_reversals(
             self.kernel, self._column_function, columns, mode, row_numbers
         )
@@ -290,7 +296,8 @@ class BlockRows:
 
         A row is one sample in one assembly mode (way to assemble the mechanism). A row is
         out of reach if the mechanism cannot be assembled at the inputs of the row. A row is
-        certified if its loops are closed and its error bounds are small enough.
+        certified if its loops are closed and its error bounds are small enough. All other
+        rows are solved later by the position analysis.
 
         Parameters
         ----------
@@ -307,8 +314,8 @@ class BlockRows:
         Returns
         -------
         The rows between which the computed direction of a pole (axis of relative rotation)
-        may reverse. None if rows of the slice still have to be solved, or if none is
-        certified.
+        may reverse. Only there, directions are compared later to make them continuous. None
+        if rows of the slice still have to be solved, or if none is certified.
         """
         row_numbers = np.arange(rows.start, rows.stop)
         is_out_of_reach = self._find_out_of_reach(mode, rows, columns)
@@ -320,11 +327,12 @@ class BlockRows:
         self._store_closure(rows, columns)
         is_certified = self._find_certified_rows(columns)
         self.is_certified[rows] = is_certified
-        # All other rows have to be solved by the caller.
+        # If rows still have to be solved, the slice is examined after that.
         is_complete = np.all(is_certified | is_out_of_reach)
         if not is_complete or not np.any(is_certified):
             return None
-        # `_column_function` is the function that has computed the columns.
+        # `_column_function` has computed the columns. It knows the quantity of each
+        # column.
         return find_slice_reversals(
             self.kernel,
             self._column_function,
@@ -438,7 +446,8 @@ class BlockRows:
 
         A row is one sample in one assembly mode (way to assemble the mechanism).
 
-        - With a closed form, a formula says whether the two links of each dyad can meet.
+        - If configurations have a closed form (formulas), a formula says whether the two
+          links of each dyad can meet.
         - Without a closed form, an assembly mode is a curve of known configurations over
           the input. Inputs beyond its ends are out of reach.
 
@@ -454,10 +463,10 @@ class BlockRows:
         """
         if not self.kernel.has_closed_form:
             return self._find_beyond_curve(mode, rows)
-        # A dyad is two links with three R pairs. The square of the triple product of its
-        # axes follows from the arc lengths of its links and the distance of its ends. If
-        # the arcs do not meet, this formula gives a negative number.
-        # `_column_function` has computed `columns` and knows which of them are squares.
+        # A dyad is two links with three R pairs. A formula gives the square of the triple
+        # product of the three axes, from the arcs of the links and the arc between the
+        # ends. If the links cannot meet, the result is negative. `columns` contains these
+        # squares.
         triple_squares = columns[self._column_function.slices["squares"]]  # (dyads, n)
         return find_out_of_reach(triple_squares)
 
@@ -511,8 +520,8 @@ class BlockRows:
         so one step is enough. A larger step may lead to another assembly mode and is not
         taken.
 
-        The pair variables (joint angles) in `values` and the numbers in `columns` are
-        changed in place.
+        For these rows, the pair variables (joint angles) in the attribute `values` and the
+        numbers in `columns` are changed in place.
 
         Parameters
         ----------
@@ -600,8 +609,8 @@ class PendingPoles:
 
     A pole is the axis about which one link rotates relative to another. Poles are computed
     when an analysis reads them. These facts are computed earlier, with the positions. A
-    block has n rows: samples of all assembly modes. A row is certified if the error bounds
-    that the kernel computes for it are small enough.
+    block has n rows: samples of all assembly modes. The kernel (compiled functions)
+    computes error bounds for each row, and certifies the row if they are small enough.
 
     Attributes
     ----------
@@ -613,10 +622,10 @@ class PendingPoles:
     uncertified
         (k,) indices of the rows that have a configuration but are not certified.
     compared_rows_by_input
-        For each input that moves: a mapping from the index of an assembly mode to rows. At
-        these rows directions are compared, because computed directions of poles may reverse
-        there. The list is empty for a grid of inputs, in which successive rows are not
-        successive positions.
+        For each input that moves: a mapping from the index of an assembly mode to rows.
+        Between these rows the computed direction of a pole may jump to the opposite one. So
+        directions are compared at these rows, to make them continuous. The list is empty
+        for a grid of inputs, in which successive rows are not successive positions.
     error_maxima
         (inputs, 3) largest error bound in all certified rows: of directions (rad), of
         velocity coefficients and of their derivatives. NaN if no row is certified.
@@ -849,8 +858,9 @@ class BatchRunner:
     ) -> Iterator[Indices]:
         """Yield the indices (n,) of the samples of each block (group of samples) of a run.
 
-        The columns of a block are computed when an analysis reads them, and only then need
-        memory. While no analysis reads columns, the blocks become larger.
+        The columns of a block are the quantities of its poles (axes of relative rotation).
+        They are computed when an analysis reads them, and only then need memory. While no
+        analysis reads columns, the blocks become larger.
 
         Parameters
         ----------

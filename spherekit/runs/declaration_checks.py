@@ -215,8 +215,8 @@ def _find_repeated_column(analysis: AbstractAnalysis, mechanism: Mechanism) -> s
 def _find_item_fault(field: str, item: Any, mechanism: Mechanism) -> str:
     """Return what is wrong with a declared pole, pair or link, or an empty text.
 
-    An analysis declares in its `Needs` for which poles (axes of the relative rotation of
-    two links), pairs (joints) and links it reads quantities.
+    An analysis declares in its `Needs` of which poles (axes of the relative rotation of two
+    links), pairs (joints) and links it reads angles, velocities and other quantities.
 
     Parameters
     ----------
@@ -247,7 +247,8 @@ def _find_item_fault(field: str, item: Any, mechanism: Mechanism) -> str:
     if item not in names:
         return f", but {name} has no {kind} of that name{choices(item, names, f'{kind}s')}"
     has_to_be_single = field in NEEDS_OF_SINGLE_VARIABLES
-    # For example, a sliding contact has two variables.
+    # An analysis reads one number for each pair in these fields. A sliding contact has two
+    # variables, for example, so it cannot be declared there.
     if has_to_be_single and mechanism.pair(item).kind.variable_count > 1:
         return ", a pair with two variables, which has no single one"
     return ""

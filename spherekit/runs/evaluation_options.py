@@ -37,8 +37,9 @@ class Setting:
 
         - "best" solves the velocity equations of the whole mechanism in float64, and again
           in quad precision where float64 leaves too few digits.
-        - "equations" gives the same numbers as "best". Only the summary of the run differs:
-          it counts all rows as computed in quad precision, even those in float64.
+        - "equations" computes the same numbers as "best", in the same way. Only the summary
+          of the run differs. It counts the rows that were computed in quad precision. On
+          the route "equations" all rows count, even those that were computed in float64.
         - "first" and "conditioned" compute one pole after the other, as an intersection of
           two great circles. Each circle usually goes through two poles that are already
           computed. The plan of the poles lists the circles of each pole. "first" takes the

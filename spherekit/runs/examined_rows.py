@@ -463,13 +463,12 @@ class ExaminedRows:
     def _add_path(
         self, overview: OutputOverview, path: OutputRows, has_rates: bool
     ) -> None:
-        """Extend the range of the angle of an output, and note where the output rests.
+        """Extend the range of the angle of an output, and note where it turns back.
 
         The path is divided into segments. Either all rows (samples) of a segment have a
         configuration, or none has, and their angles are NaN. The first segment of a block
-        (group of samples) continues the last segment of the block before.
-        `overview.last_rows` are the last rows that were added, or None if the last row has
-        no configuration.
+        (group of samples) continues from the last rows of the block before. These are
+        stored in `overview.last_rows`, which is None if the last row has no configuration.
 
         Parameters
         ----------
@@ -656,19 +655,34 @@ def _place_of_rest(path: OutputRows, before: int, after: int) -> float:
 
 
 def _place_between_steps(path: OutputRows, before: int, after: int) -> float:
-    """Return the place at which an angle turns back, from the steps that end in two rows.
+    """Return the place at which the angle of an output turns back, if rates are unknown.
 
-    In the middle of a step the rate is the step divided by its length. Between the middles
-    the rate is interpolated linearly. If the output rests between the steps, the place is
-    the middle of this rest.
+    A place is the time, the first input or the number of a sample. A step is the change of
+    the angle from one row to the next. The angle turns back between two steps of opposite
+    sign.
+
+    - If the output rests between the two steps, the place is the middle of this rest.
+    - Otherwise the second step follows the first one. The mean rate in a step is taken as
+      the rate in its middle. Between the two middles the rate is interpolated linearly.
+      The angle turns back where this rate is zero.
+
+    Parameters
+    ----------
+    path
+        Rows of the path. `rates` has steps: the step that ends in each row.
+    before, after
+        Indices of the rows in which the two steps end. In the rows between them the output
+        rests.
     """
     places = path.places
     if after - before > 1:
+        # The step to the row `after` starts in the row before it, so the rest ends there.
         return float(0.5 * (places[before] + places[after - 1]))
     rows = np.array([before, after])
+    steps = path.rates[rows]
     lengths = places[rows] - places[rows - 1]
     middle_before, middle_after = 0.5 * (places[rows] + places[rows - 1])
-    rate_before, rate_after = path.rates[rows] / lengths
+    rate_before, rate_after = steps / lengths
     share = rate_before / (rate_before - rate_after)
     return float(middle_before + share * (middle_after - middle_before))
 

@@ -267,7 +267,8 @@ def predict_recording(
 
     Returns
     -------
-    The predicted numbers of entities, rows and bytes, with these keys.
+    The predicted numbers of entities (names in the tree of the viewer), rows and bytes,
+    with the keys "entities", "rows" and "bytes".
     """
     short_count = MEASURED_RECORDING_SAMPLES
     costs: list[dict[str, int]] = []
@@ -277,7 +278,8 @@ def predict_recording(
             costs.append(recorder.cost)
     short_cost, long_cost = costs
     sample_count = study.count
-    # A long run records about every `stride`-th sample. -(-a // b) is a / b, rounded up.
+    # A long run does not record all samples, but about one of `stride` successive samples.
+    # -(-a // b) is a / b, rounded up.
     stride = -(-sample_count // MAX_RECORDED_SAMPLES)
     recorded_samples = -(-sample_count // stride)
     growth_factor = recorded_samples / short_count - 1.0

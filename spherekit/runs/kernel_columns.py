@@ -322,12 +322,15 @@ def evaluate_unsigned_poles(
 def _evaluate_unsigned_by_kernel(
     kernel: RowKernel, input_index: int, values: Floats
 ) -> UnsignedPoles:
-    """Return poles by compiled functions, with directions that may still be reversed.
+    """Evaluate poles by compiled functions, before the senses of directions are chosen.
 
     A pole is the axis of the relative rotation of two links. It is a line, so its unit
-    vector u can have two senses. With its velocity coefficient c, the relative angular
-    velocity is ``c u`` and its derivative with respect to the input is ``c' u + c u'``.
-    These two vectors are the same for both senses of u.
+    vector u can have two senses. The sense is chosen later such that directions continue
+    from row to row.
+
+    With the velocity coefficient c, the relative angular velocity is ``c u``. Its
+    derivative with respect to the input is ``c' u + c u'``. These two vectors are the same
+    for both senses of u.
 
     Parameters
     ----------
@@ -346,8 +349,8 @@ def _evaluate_unsigned_by_kernel(
     unit_rate = quantities["direction_dq"]
     (coefficient,) = quantities["velocity_coefficient"]
     (coefficient_rate,) = quantities["acceleration_coefficient"]
-    # Rows with large errors can have NaN or huge numbers here. Such rows are replaced
-    # later.
+    # Rows with large errors can have NaN or huge numbers here. The caller replaces these
+    # rows by more accurate ones (`UncertifiedPoles`).
     with np.errstate(invalid="ignore", over="ignore"):
         velocity = coefficient * unit
         velocity_rate = coefficient_rate * unit + coefficient * unit_rate
@@ -509,10 +512,11 @@ class KernelColumns:
     def _replace_numbers(self, key: ColumnKey, column: Floats, rows: slice) -> Floats:
         """Return a column with the right numbers in failed and in uncertified rows.
 
-        A column has one value of a pole or link in each row (sample in an assembly mode).
-        Failed rows have no configuration, and become NaN. In uncertified rows the errors of
-        the kernel (compiled functions) may be too large, and more accurate results replace
-        the values of the kernel.
+        A column has one number in each row, such as a component of the direction of a pole
+        (axis of relative rotation). A row is a sample in one assembly mode. Failed rows
+        have no configuration, so their numbers become NaN. In uncertified rows the errors
+        of the kernel (compiled functions) may be too large. More accurate results replace
+        the values of the kernel in these rows.
 
         Parameters
         ----------

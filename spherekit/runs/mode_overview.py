@@ -209,11 +209,12 @@ class OutputOverview:
             self.further_rests += 1
 
     def add_gains(self, gains: Floats, places: Floats) -> None:
-        """Extend the range of the smallest singular value of the velocity Jacobian.
+        """Update the range of the smallest singular value of the velocity Jacobian.
 
         The Jacobian relates the velocity of the output to the rates of the inputs. Its
         smallest singular value is zero at a singularity of type I, where the output loses a
-        direction of motion.
+        direction of motion. Each sample has such a value. The overview reports the least
+        and the largest of them, and the place of the least.
 
         Parameters
         ----------
@@ -230,6 +231,7 @@ class OutputOverview:
         if self.gain is None:
             self.gain = [least, float(places[row]), largest]
             return
+        # Of minima that differ only by rounding, the first one stays.
         if least < self.gain[0] - EQUAL_MINIMA_TOLERANCE:
             self.gain[:2] = [least, float(places[row])]
         self.gain[2] = max(self.gain[2], largest)
@@ -345,9 +347,12 @@ def find_zero_crossings(
 def _passes_zero(before: Floats, after: Floats) -> Bools:
     """Return whether vectors pass through zero between two successive samples.
 
+    The vectors are velocities of an output. The caller learns from the result that the
+    output rests between the samples.
+
     Between the samples a vector follows nearly the straight line from `before` to `after`.
-    The vector counts as passing through zero if this line comes near to zero. The limit of
-    the distance is `REVERSAL_SHARE` times the length of the line.
+    The vector counts as passing through zero if this line comes near to zero. The largest
+    allowed distance is `REVERSAL_SHARE` times the length of the line.
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ def _examined_output(mechanism: Mechanism, output: Output) -> ExaminedOutput:
 
     An output is the angle of a link relative to a reference link, or a direction fixed in
     the link. If a pair (joint) joins the two links, the angle is the variable of this pair,
-    up to the sign.
+    or the variable with the opposite sign (`sense`).
     """
     link = mechanism.link_number[output.link]
     reference = mechanism.link_number[output.relative_to]
@@ -83,6 +83,7 @@ def _examined_output(mechanism: Mechanism, output: Output) -> ExaminedOutput:
     sense = 1.0
     if variable is not None:
         # A pair variable is the angle of the second link of the pair relative to the first.
+        # `variable_owners` has the pair of each variable.
         _, second_link = mechanism.ends[mechanism.variable_owners[variable]]
         sense = 1.0 if second_link == link else -1.0
     label = f"{output.link}/{output.relative_to}"

@@ -43,6 +43,8 @@ def plain_meaning(meaning: str) -> str:
 def _section_lines(docstring: str) -> Iterator[tuple[str, str]]:
     """Yield each line of a docstring, together with the heading of its section.
 
+    `parameter_meanings` takes from these lines the sections that describe parameters.
+
     Before the first heading, "" is yielded as heading. A heading is a line that is
     underlined by as many hyphens as it has characters. Headings and their underlines are
     not yielded.
@@ -53,5 +55,6 @@ def _section_lines(docstring: str) -> Iterator[tuple[str, str]]:
         underline = "-" * len(line)
         if line and lines[number + 1 : number + 2] == [underline]:
             heading = line
+        # All other lines but underlines are yielded.
         elif not (heading and line == "-" * len(heading)):
             yield heading, line

@@ -53,8 +53,8 @@ class PendingRows:
         mode_count = len(motion.assembly_modes)
         shape = (mode_count, len(examined))
         # A motion has all samples in the first mode, then all samples in the second mode,
-        # and so on. The rows are picked before reshaping, as this could copy the whole
-        # block.
+        # and so on. The rows are picked first and reshaped afterwards. Reshaping the whole
+        # block could copy it.
         sample_count = motion.samples
         first_row_of_mode = sample_count * np.arange(mode_count)
         rows = (first_row_of_mode[:, None] + examined).ravel()

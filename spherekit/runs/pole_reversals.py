@@ -50,10 +50,10 @@ class ReversalGaps:
 
     @classmethod
     def after_positions(cls, rows: Indices, positions: Indices) -> "ReversalGaps":
-        """Return the gaps from some of n successive rows to the next row.
+        """Return the gaps that begin at some of n rows and end at the next of these rows.
 
-        A row is the configuration at one sample. Between rows, the direction of a pole may
-        reverse unseen.
+        The rows belong to one assembly mode. The caller has found out in which of the gaps
+        between them a direction may reverse.
 
         Parameters
         ----------
@@ -227,8 +227,8 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
 class VelocityBounds:
     """Bounds of relative angular velocities, valid in several rows (configurations).
 
-    Each pole has two links. The pole is the axis about which one link rotates relative to
-    the other link.
+    A pole is the axis about which one link rotates relative to another. With the bounds,
+    `_keeps_all_directions` proves that no pole reverses its direction between these rows.
 
     Attributes
     ----------
@@ -246,8 +246,11 @@ def _bound_relative_velocities(
 ) -> VelocityBounds:
     """Return bounds of the relative angular velocities of the two links of each pole.
 
-    A pole is the axis about which one link rotates relative to another. The bounds are
-    valid at all n rows together. The relative velocity is the velocity of the second link
+    A pole is the axis about which one link rotates relative to another. One pair of bounds
+    is valid at all n rows. With these bounds, `_keeps_all_directions` can prove that no
+    pole reverses its direction between any of the rows.
+
+    The relative velocity is the velocity of the second link
     minus the velocity of the first. So the lower bound is the least velocity of the second
     link minus the greatest velocity of the first.
 
@@ -313,28 +316,32 @@ def find_compared_rows(
 ) -> dict[int, ComparedRows]:
     """Return the rows of a block at which pole directions have to be compared.
 
-    A block is a group of samples. A pole is the axis about which one link rotates relative
-    to another. It is a line, so its direction needs a sign that is continuous from row to
-    row. A row is one sample in one assembly mode. Two rows between which a direction may
-    reverse are called a gap. The result has the rows of all gaps, and the first and the
-    last row of each mode. All other rows have the sign of the compared row before them.
+    A row is one sample in one assembly mode. A block has the rows of a group of samples in
+    all modes. A pole is the axis about which one link rotates relative to another. It is a
+    line, so its computed direction may reverse from row to row. Each row therefore needs a
+    sign that makes the direction continuous.
+
+    Two rows between which a direction may reverse are called a gap. Directions have to be
+    compared at both rows of each gap, and at the first and the last row of each mode. Any
+    other row has the same sign as the compared row before it.
 
     Parameters
     ----------
     slices
-        The gaps in each slice. A slice has successive rows of one mode, of which those with
-        small error bounds were examined.
+        The gaps that `find_slice_reversals` has found in each slice of the block. A slice
+        is a number of successive rows of one mode. Rows with large error bounds were left
+        out of this search.
     input_index
         Index of the input that moves while the other inputs are locked.
     is_assembled
         (modes, samples) whether the row has a configuration.
     is_uncertified
         (modes, samples) whether the row has a configuration, but poles with large error
-        bounds. Directions may reverse before and after it.
+        bounds. Between this row and the rows beside it, directions may reverse.
 
     Returns
     -------
-    The rows of each assembly mode with a configuration, by the index of the mode.
+    The compared rows by the index of the mode. Modes without a configuration are left out.
     """
     gaps_by_mode = _list_gaps_by_mode(slices, input_index)
     compared_rows: dict[int, ComparedRows] = {}

@@ -23,10 +23,10 @@ It avoids 0 / 0 for values that are all zero. Their derivatives are then zero.
 
 @dataclass(frozen=True)
 class SampledValues:
-    """Values of a quantity at k samples, reduced to one number for each assembly mode.
+    """Values of a quantity at k samples, before their reduction to one number.
 
-    The number, a figure of merit, is for example their maximum, or the input at which the
-    maximum occurs.
+    A reduction computes one number (a figure of merit) for each assembly mode. Examples are
+    the maximum of the values, and the input at which the maximum occurs.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class SampledValues:
     is_closed_path
         Whether the samples are a path that ends where it began. The inputs of the last
         sample then equal the inputs of the first sample, apart from whole revolutions. Only
-        the swing uses this; a mean counts both samples.
+        the reduction to a swing uses this fact. A mean counts both samples.
     """
 
     q: Floats

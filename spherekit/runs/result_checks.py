@@ -77,10 +77,10 @@ def compute_checked_tables(
         columns = _check_columns(where, table, returned_tables[table.name])
         data[table.name] = columns
         rows = row_count(columns)
-        # The batch has a row for each sample in each assembly mode. A table with columns
-        # for sample and assembly mode (`in_assembly_modes`) must have equally many rows for
-        # each row of the batch. The condition is that the analysis reads samples, and
-        # treats each row of the batch separately (`rowwise`).
+        # The batch has a row for each sample in each assembly mode. An analysis can read
+        # samples and treat each row of the batch separately (`rowwise`). Its tables with
+        # columns for sample and assembly mode (`in_assembly_modes`) must then have equally
+        # many rows for each row of the batch.
         has_rows_of_samples = (
             analysis.rowwise and analysis.reads_samples and table.in_assembly_modes
         )

@@ -204,8 +204,13 @@ class RunPlan:
         sign_continuations
             For each input, the last pole directions of the previous block. The signs of
             directions continue from there. They are updated in place.
+
+        Returns
+        -------
+        The directions and rates of poles, one field for each input with requested poles.
         """
-        # The lists have an item for each input, including inputs without requested poles.
+        # `requests` and `sign_continuations` have an item for every input. Inputs without
+        # requested poles are left out.
         return tuple(
             evaluate(
                 motion,
@@ -384,7 +389,8 @@ class RunPlan:
             "analyses": describe_analyses(self.analyses),
             "engine": None if simulation is None else simulation.engine.name,
             "tolerance": sampling.tolerance,  # of a simulation
-            # By which engine and route the quantities are computed.
+            # The way to compute the quantities: names of engines and of the route (the
+            # way to compute poles), and a tolerance.
             "setting": asdict(self.setting),
             "over_time": sampling.is_over_time,
             "input_values": hash_array(sampling.inputs),
@@ -512,9 +518,10 @@ def _missing_time_sentence(sampling: Sampling) -> str:
             "statics computes holding torques on a grid"
         )
     return (
-        "needs a motion in time, but listed values of several inputs have no times; leave "
-        "out the values to move all inputs together through their ranges, or give a law "
-        "for every input, and a duration"
+        "needs a motion in time, but listed values of several inputs have no times (only a "
+        "single input passes listed values at constant speed); leave out the values to move "
+        "all inputs together through their ranges at constant speed, or give a law for "
+        "every input, and a duration"
     )
 
 
@@ -631,13 +638,14 @@ def motion_table(sampling: Sampling) -> Table:
 def motion_rows(sampling: Sampling, motion: Motion, pole_fields: PoleFields) -> TableArrays:
     """Return the columns of the table of configurations for a block of samples.
 
-    `motion_table` declares the columns. The status of a row is the first failure: of its
-    configuration, or of the velocities while each input in turn moves (`pole_fields`). The
-    residual says how far the loops of links are from being closed.
+    `motion_table` declares the columns. The status of a row is its first failure: of the
+    configuration, else of the velocities while each input in turn moves (`pole_fields`).
+    The residual says how far the loops of links are from being closed.
     """
     mechanism = sampling.position_analysis.mechanism
     times = {}
-    # Samples that are values of the inputs may have times, too. These are not in the table.
+    # Samples that are values of the inputs may have times of an assumed motion with
+    # constant speed. These times are not in the table.
     if sampling.is_over_time and motion.timing:
         times = {"t": motion.timing.t}
     return {

@@ -133,6 +133,7 @@ class RunState:
             "failures": self.failures,
             "findings": {name: asdict(item) for name, item in self.findings.items()},
             "seconds": self.stage_seconds,
+            # JSON has no tuples as keys, so each entry is a list: the key, then the number.
             "counts": [[*key, number] for key, number in self.counts.items()],
             "largest": self.error_maxima,
             "rank": self.mobility_by_rank,
@@ -231,7 +232,8 @@ class RunState:
         about which one link rotates relative to another. Its status says whether it exists
         and could be computed. The rows are also counted by how their velocities were
         computed: by a kernel (compiled functions for many rows), or by velocity equations
-        in quad precision.
+        in quad precision. The velocities differ for each moving input, so a row is counted
+        once for each input.
 
         Parameters
         ----------
@@ -255,7 +257,7 @@ class RunState:
                 if not is_rigid:
                     self._count_statuses((POLES,), valid_codes, pole_count)
             # A `LazyField` computes numbers only when they are read. Its largest errors are
-            # known before.
+            # stored in it already, so they are taken without computing the numbers.
             if isinstance(pole_field, LazyField):
                 errors = pole_field.error_maxima
             else:
@@ -521,7 +523,8 @@ def _find_batch_status(batch: Batch, data: TableData, rows: Indices) -> SmallInt
     """Return the status (k,) of the configurations to which k rows of a table belong.
 
     Each configuration is the position of the mechanism at one sample in one assembly mode
-    (way to assemble the mechanism).
+    (way to assemble the mechanism). The caller compares these codes with the codes of the
+    rows, to see which rows failed in the analysis itself.
 
     Parameters
     ----------

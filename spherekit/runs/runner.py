@@ -146,7 +146,7 @@ def run_study(
     if study.start is None and execution.engine != "auto":
         raise AnalysisError(
             'run: the option "engine" applies only to a simulation; give the option '
-            '"start", or leave "engine" out'
+            '"start" for a simulation, or leave "engine" out'
         )
     timer = Timer()
     whole_mechanism = study.mechanism

@@ -420,10 +420,11 @@ def make_sampling(
     follow: bool = True,
     on_progress: Callable[[Sampling], None] | None = None,
 ) -> Sampling:
-    """Return the samples of a study, with its assembly modes or its solved simulation.
+    """Return the samples of a study.
 
-    The samples are values of the inputs, or times. With time laws the inputs are given as
-    functions of time. In a simulation they follow from loads.
+    The result also has the assembly modes (ways to assemble the mechanism), or the solved
+    simulation. The samples are values of the inputs, or times. With time laws the inputs
+    are given as functions of time. In a simulation they follow from loads.
 
     Parameters
     ----------
@@ -432,9 +433,10 @@ def make_sampling(
     engine
         The solver of a simulation; see `simulate`.
     follow
-        False if no analysis of the run needs the motion. If the samples are values of the
-        inputs, no assembly modes (ways to assemble the mechanism) are then searched and no
-        configurations computed. If the samples are times, `follow` is not used.
+        False if no analysis of the run needs the motion (the configurations at the
+        samples). If the samples are values of the inputs, no assembly modes are then
+        searched and no configurations computed. If the samples are times, `follow` is not
+        used.
     on_progress
         Function that is called while a simulation is solved. Its argument has all samples
         and the part of the simulation that is solved.
@@ -493,8 +495,9 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
     # a path.
     input_grid = position_analysis.input_grid
     is_straight_path = study.path is None and input_grid.is_path
-    # The times and rates at which the inputs pass the samples with constant speed. None if
-    # they cannot, because the samples are a grid or a path with corners.
+    # The times at which the inputs pass the samples with constant speed, and their rates.
+    # None if several inputs have samples on a grid, or on a listed path, which may have
+    # corners.
     timing = _time_input_values(input_grid.q, is_straight_path)
     return Sampling(
         position_analysis=position_analysis,

@@ -229,6 +229,11 @@ def _make_batches(
 ) -> Iterator[Batch]:
     """Yield the data of each block of samples, in the form that an analysis reads.
 
+    The error of a setting is the difference of the tables of the analysis from tables of
+    higher accuracy, the reference. A pole is an axis, so both directions along it are
+    right. Computed poles get the sense of the reference poles, so that the tables can be
+    compared.
+
     Parameters
     ----------
     run_plan
@@ -236,16 +241,15 @@ def _make_batches(
     analysis
         The analysis.
     reference_fields
-        Poles (axes of the relative rotation of two links) at all samples, with which the
-        poles of the blocks will be compared. There is a field for each input that moves
-        while the other inputs are locked. Empty if poles are not compared.
+        Reference poles (axes of the relative rotation of two links) at all samples. There
+        is a field for each input that moves while the other inputs are locked. Empty if
+        only the time is measured.
     """
     motions = run_plan.source.blocks(run_plan.block_size)
     # Continued angles are pair variables (joint angles) without jumps of whole revolutions.
     for motion, pole_fields, continued_angles in run_plan.evaluate_blocks(motions):
         if reference_fields:
-            # Both directions along a pole are right. A reversed direction must not count as
-            # an error, so the sense of the reference is taken.
+            # A reversed direction must not count as an error.
             reference_rows = _find_reference_rows(motion, len(run_plan.sampling))
             pole_fields = align_directions(pole_fields, reference_fields, reference_rows)
         yield run_plan.make_batch(analysis, motion, pole_fields, continued_angles)

@@ -180,10 +180,13 @@ def _find_scale(largest_by_unit: Mapping[str, float], unit: str) -> float:
 def _subtract(column: Column, values: Floats, reference: Floats) -> tuple[Floats, int]:
     """Return the differences between the values in a column and reference values.
 
+    The caller reports the largest difference, and how many reference values have no number
+    to compare.
+
     Parameters
     ----------
     column
-        The declared column. Differences of angles are in (-pi, pi].
+        The declaration of the column. If its unit is rad, differences are in (-pi, pi].
     values, reference
         (n,) numbers and reference values, NaN in failed rows.
 

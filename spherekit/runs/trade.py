@@ -304,12 +304,13 @@ def _choose_sampling(
     Parameters
     ----------
     run_plan
-        The run, with its samples and the poles that its analysis reads.
+        The run of one analysis, with the samples. For each input, `requests` has the poles
+        (axes of relative rotation) that this analysis reads while the input moves.
     study
         The study of the run.
     trade_options
         Its attribute `checked` is the largest number of samples at which errors are
-        measured, before peaks are refined. None for the default.
+        measured; None for the default. Samples at peaks of error bounds are added to these.
     """
     sampling = run_plan.sampling
     max_count = _max_checked_samples(sampling, trade_options)
@@ -319,7 +320,8 @@ def _choose_sampling(
     if is_grid:
         return _make_coarser_grid(study, sampling.shape, max_count)
     samples = spread_samples(sampling, max_count)
-    # With a single input, samples are added where errors are largest.
+    # With a single input, samples are added where the error bounds of the poles are
+    # largest.
     has_single_input = sampling.inputs.shape[1] == 1
     if has_single_input:
         samples = refine_at_error_peaks(sampling, samples, run_plan.requests[0])
@@ -729,9 +731,9 @@ def _group_numbers(
     ----------
     parameter_trade
         A parameter of an analysis that is varied, with the columns by which its results are
-        compared: `column` has the numbers, and `match` are the columns of texts. With
-        several inputs there is one column of numbers for each, such as ``q_21`` and
-        ``q_31`` for ``q``.
+        compared: `column` has the numbers, and `match` are the columns of texts. If the
+        column has a number for each of several inputs, the table has one column for each
+        input instead, such as ``q_21`` and ``q_31`` for ``q``.
     data
         The columns of the table by name.
 

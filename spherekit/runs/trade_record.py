@@ -37,8 +37,9 @@ Smaller: the recommendation changes from one measurement to the next.
 class Measured:
     """The times and errors of one setting of a run, or of one value of a parameter.
 
-    A setting is a way to compute a run, such as an engine. Settings may be measured with
-    fewer samples than the run has. Such times are scaled up to all samples of the run.
+    A setting is a way to compute a run, such as an engine. A parameter of an analysis makes
+    it faster and less accurate. Settings may be measured with fewer samples than the run
+    has. Their times are scaled up to all samples of the run.
 
     Attributes
     ----------
@@ -49,8 +50,8 @@ class Measured:
     seconds, seconds_median
         Best and median processor time (s) of the run, without compiling.
     first_seconds
-        The part of both times (s) that is spent before the first sample. This part does not
-        depend on the number of samples.
+        The part of both times (s) that is spent before the first sample is computed. This
+        part does not depend on the number of samples.
     compile_seconds
         Time (s) for compiling, which is spent once.
     error

@@ -69,11 +69,12 @@ def make_rows(trade: Trade) -> list[Names]:
 
 
 def describe_errors(trade: Trade) -> list[str]:
-    """Return lines that explain the errors of a trade.
+    """Return lines that explain the errors in the table of a trade, for below the table.
 
-    A trade has the measured errors of several ways (settings) to compute a run. The first
-    lines are estimates that an analysis makes of its own error. The remaining lines say to
-    which scale the errors of each column are relative.
+    A trade compares several ways (settings) to compute a run by their times and their
+    errors. The first lines state the error that the analysis itself estimates for a
+    setting. The remaining lines say by which scale the errors of each column of the results
+    are divided, such as the largest value with the same unit.
     """
     lines = [
         f"  {measured.name}: the analysis's own estimate of its error "
@@ -81,8 +82,8 @@ def describe_errors(trade: Trade) -> list[str]:
         for measured in trade.settings
         if np.isfinite(measured.own_estimate)
     ]
-    # Columns with the same scale share a line. Absolute errors are not divided by anything.
-    # For all others, the number by which they are divided is added.
+    # Columns with the same scale share a line. `scale_words` describe the scale. The scale
+    # itself is added in brackets, except for absolute errors, which are not divided.
     columns_by_scale: dict[str, list[str]] = {}
     for column, scale_words, scale in trade.columns:
         scale_number = "" if scale_words.startswith("absolute") else f" ({scale:.3g})"

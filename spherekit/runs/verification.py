@@ -241,8 +241,8 @@ def compute_reference(
     # With `frames=None`, the reference uses the dimensions of the mechanism rounded to
     # float64.
     frames = None
-    # If rows of the run used the decimal numbers of the file, the reference uses these
-    # numbers.
+    # A run can compute rows near a dead centre from the decimal numbers of the file. If it
+    # has such rows, the reference uses the decimal numbers, too.
     if _has_decimal_rows(pole_fields):
         arithmetic = arithmetic or Digits()
         with arithmetic.within():

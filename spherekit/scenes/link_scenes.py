@@ -165,7 +165,7 @@ def graph_scene(mechanism: Mechanism) -> Scene:
     ]
     positions = layout_graph(mechanism).tolist()
     graph = Graph("graph", nodes, edges, positions)
-    # Without a separate page, the graph is shown on every page.
+    # With `page=None` the viewer shows the graph on every page.
     return Scene(page=None, primitives=(graph,))
 
 
@@ -218,8 +218,9 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
 
     A link can have joints with an axis, and contacts. At a contact, a curve of this link
     (its profile) touches a curve of another link. An arc joins each profile with the axis
-    of the first joint of the link, if there is one. The arc ends at the centre of a small
-    circle or of a Fourier profile. For any other profile the arc ends at the nearest point.
+    of the first joint of the link, if there is one. A small circle and a Fourier
+    profile (a Fourier series of the angle from a centre) have a centre, at which the arc
+    ends. For any other profile the arc ends at the nearest point.
 
     Parameters
     ----------

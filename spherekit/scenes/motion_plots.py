@@ -8,10 +8,11 @@ from spherekit.scenes.scene import Series
 
 
 def motion_plots(motion: Motion, is_over_time: bool) -> list[list[Series]]:
-    """Return the plots that a recording shows beside the moving links, for a block.
+    """Return the plots of a block of samples, which a recording shows beside the links.
 
-    If the samples are times, the plots show the pair variables (joint angles) over time.
-    There are no plots if the samples are values of the inputs.
+    A block is a group of successive samples. If the samples are times, the plots show the
+    pair variables (joint angles) over time. There are no plots if the samples are values of
+    the inputs.
 
     Parameters
     ----------

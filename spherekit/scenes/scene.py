@@ -114,8 +114,9 @@ class Arrow:
     directions : array (n, 3)
         Unit vectors in ground axes, one for each sample.
     primary : bool
-        Whether the arrow is a primary pole, the axis of a pair (joint). In recordings such
-        an arrow is thin, without a label or path. Other arrows are drawn more prominently.
+        Whether the arrow is a primary pole, which is the axis of a pair (joint). In
+        recordings, the arrow of a primary pole is thin and has no label or path. Other
+        arrows are drawn more prominently.
     shown : bool
         Whether the arrow is drawn from the start. If not, users can switch the arrow on.
     path_shown : bool
@@ -171,12 +172,13 @@ class Trace:
 
 @dataclass(frozen=True)
 class GreatCircle:
-    """A great circle of the unit sphere to be drawn, as the normal of its plane.
+    """A great circle of the unit sphere to be drawn, given by the normal of its plane.
 
     Attributes
     ----------
     path : str
-        Address of the circle in a recording for the 3D viewer.
+        Address (entity path) of the circle in a recording for the 3D viewer, such as
+        ``plane/0``.
     label : str
         Name of the circle.
     normals : array (n, 3)
@@ -209,9 +211,9 @@ class Series:
     link : int, or None
         Index of the link to which the curve belongs, for its colour. None without a link.
     resolution : float
-        Changes below `resolution` times the scale of the quantity (its largest magnitude;
-        for angles and pure numbers at least 1) count as rounding errors, and are not
-        visible in the plot.
+        Changes below `resolution` times the scale of the quantity count as rounding errors.
+        The range of the vertical axis is so wide that they are not visible. The scale is
+        the largest magnitude of the quantity, for angles and pure numbers at least 1.
     """
 
     path: str
@@ -230,16 +232,16 @@ class Series:
 
 @dataclass(frozen=True)
 class InputMarks:
-    """Values that are marked in all plots of a page, such as the inputs of singularities.
+    """Values marked in all plots of a page, such as inputs at which the motion is singular.
 
-    In a plot of curves over one input, for example, a vertical line marks each value. Some
-    scenes (drawings) have other axes (`Scene.over`), such as a frequency. Values on these
-    axes are then marked.
+    In a plot of curves over one input, for example, a vertical line marks each value. A
+    scene (drawing) is usually plotted over the inputs. If it is plotted over other
+    quantities (`Scene.over`), such as a frequency, the marks are values of these.
 
     Attributes
     ----------
     path : str
-        Address of the marks in a recording for the viewer.
+        Address (a path of names) of the marks in a recording for the viewer.
     label : str
         Meaning of the marks.
     inputs : array (k, axes)
@@ -267,7 +269,8 @@ class Mark:
         Coordinates in the plane of a `Portrait` (plot of one quantity against another), or
         a unit vector on the sphere of `SphereCurves`.
     tone : int
-        Number of the colour, the same for marks and curves of one kind.
+        Number of the colour in the list `TONES` of `spherekit.scenes.colours`. Marks and
+        curves of one kind have the same number.
     """
 
     label: str
@@ -284,7 +287,8 @@ class PlaneCurve:
     points : array (k, 2)
         x and y, in the units that the plot states for its two quantities.
     tone : int
-        Number of the colour in the list `TONES`, the same for curves and marks of one kind.
+        Number of the colour in the list `TONES` of `spherekit.scenes.colours`. Curves and
+        marks of one kind have the same number.
     label : str
         Name of the curve, if it has to be distinguished from others.
     """
@@ -482,12 +486,12 @@ class Diagram:
     lines : array (n, m, 3)
         a, b, c of each of m lines a x + b y + c = 0 at each sample.
     words : sequence of str (n,), or empty
-        A text that is shown in the diagram at each sample.
+        A text for each sample that is shown in the diagram.
     readings : array (n, k, 2) rad, or None
-        Two angles that belong to each point at each sample. The angles are listed as
-        numbers beside the plane, under the `reading_names`.
+        Two angles for each point at each sample, such as the angles whose tangents are x
+        and y. They are listed in degrees beside the plane.
     reading_names : two texts
-        Names of these two angles.
+        Names of the two angles, for the list.
     """
 
     path: str
@@ -507,7 +511,7 @@ class Diagram:
 
 @dataclass(frozen=True)
 class Graph:
-    """A link/pair graph of a mechanism. Links and pairs (joints) are nodes.
+    """A graph of a mechanism to be drawn, with links and pairs (joints) as nodes.
 
     An edge joins a pair to one of its two links.
 
@@ -516,9 +520,11 @@ class Graph:
     path : str
         Address of the graph in a recording for the viewer.
     nodes : sequence (k,) of (identifier, label, number)
-        The number is the index of a link, or None for a pair.
+        The identifier is a text that is unique among the nodes, such as ``link 2``. The
+        label is shown. The number is the index of a link, for its colour, or None for a
+        pair.
     edges : sequence of (identifier, identifier)
-        The link and the pair that each edge joins.
+        The identifiers of the link and the pair that each edge joins.
     positions : array (k, 2)
         Positions of the nodes in the unit square.
     """
@@ -615,9 +621,9 @@ class Scene:
     source: str = ""
 
     def thinned(self, chosen: Bools) -> "Scene":
-        """Return the drawing with only some of the samples, for shorter recordings.
+        """Return the scene with only some of the samples, for shorter recordings.
 
-        The drawing is returned unchanged if its values are plotted over other quantities
+        The scene is returned unchanged if its values are plotted over other quantities
         than the samples, such as a frequency (see `over`).
 
         Parameters

@@ -361,7 +361,8 @@ def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts
         length = len(_check_sequence(where, name, getattr(item, name)))
         if isinstance(size, str):
             # The size is a letter. The sequence needs the length of the arrays with this
-            # letter. `shared.words` says for messages what has this length.
+            # letter. For the message, `shared.words` names the things of which there are so
+            # many.
             shared = sizes[size]
             needed_length = shared.length
             reason = f", as many as {shared.words}" if shared.words else ""

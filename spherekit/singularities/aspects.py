@@ -227,9 +227,10 @@ def _start_configurations(
 class _AspectNodes(ArrayRows):
     """n configurations at samples of an input grid, and the signs that separate aspects.
 
-    An aspect is a part of the configurations that is connected without a singularity. At
-    type II the output can move while the inputs rest, at type I inputs can move while the
-    output rests.
+    An aspect is a part of the configurations that is connected without a singularity. At a
+    singularity of type II the output can move while the inputs rest, at type I inputs can
+    move while the output rests. Type II always divides aspects. Type I divides them only if
+    the user asks for it.
 
     Attributes
     ----------
@@ -240,14 +241,15 @@ class _AspectNodes(ArrayRows):
     is_regular
         (n,) whether the configuration has no singularity of a type that divides aspects.
     determinant_two
-        (n,) a determinant that is zero at type II. Its sign tells aspects apart. In
-        mechanisms where the sign has no meaning, the value is 0.
+        (n,) a determinant that is zero at type II. Its sign tells aspects apart. The value
+        is 0 in mechanisms where the determinant does not change its sign at type II.
     determinant_one
         (n,) a determinant that is zero at type I. Its sign tells aspects apart, except in
         mechanisms where it is never negative. The value is 0 if there is no output.
     slope_one
-        (n, g) derivatives of `determinant_one` with respect to the g inputs. They are 0 if
-        type I does not divide aspects.
+        (n, g) derivatives of `determinant_one` with respect to the g inputs. With them, a
+        path between two configurations is tested for a zero of the determinant. They are 0
+        if type I does not divide aspects, because paths are then not tested.
     """
 
     values: Floats
@@ -526,14 +528,15 @@ class _AspectGraph:
     def _find_in_column(self, column: int, values: Floats, samples: Indices) -> Indices:
         """Compare configurations with the ones that a table column has at the same samples.
 
-        The table `numbers_at_sample` has a row for each sample, with the indices of its
+        In this way the graph recognises configurations that it already has. The table
+        `numbers_at_sample` has a row for each sample, with the indices of its
         configurations in successive columns. Two configurations are the same if their
         variables differ by whole periods only, within a tolerance.
 
         Parameters
         ----------
         column
-            The column of `numbers_at_sample`. It has a configuration at all these samples.
+            The column of `numbers_at_sample`. It has a configuration at each of `samples`.
         values, samples
             (n, V) variables (rad) and (n,) samples of the configurations.
 
@@ -607,9 +610,10 @@ class _AspectGraph:
         while the inputs rest). A new configuration at its end is added to the graph. Both
         ends are connected if they are not singular.
 
-        Connected configurations are an aspect (a part without singularities). If type I
-        (inputs can move while the output rests) divides aspects, the determinant that
-        vanishes at type I must keep its sign on the path.
+        Connected configurations are an aspect (a part without singularities). Singularities
+        of type I (inputs can move while the output rests) may divide aspects, too. In this
+        case the ends are connected only if a determinant that vanishes at type I keeps its
+        sign on the path.
 
         Parameters
         ----------
@@ -626,8 +630,9 @@ class _AspectGraph:
         goal_samples = goal_samples[has_goal]
         values = self.nodes.values[starts]
         goals = self.input_grid.q[goal_samples]
-        # The inputs of a configuration can include whole periods. The goals get the same
-        # periods, so that the paths are short.
+        # The inputs of a configuration can differ from those of its sample by whole periods
+        # (growths after which configurations repeat). The goals get the same periods, so
+        # that the paths are short.
         goals += whole_laps(values[:, self.driven] - goals, self.solver.periods)
         followed = follow_inputs(self.solver.closure, self.driven, values, goals)
         end_nodes = followed.nodes
@@ -767,7 +772,8 @@ def _most_modes_at_a_sample(
 
     An aspect is a set of configurations that are connected without a singularity. Several
     configurations at one sample of the inputs are different assembly modes: ways to
-    assemble the mechanism.
+    assemble the mechanism. If the number exceeds one, the mechanism can change its assembly
+    mode within the aspect, without a singularity.
 
     Parameters
     ----------

@@ -274,17 +274,18 @@ class LocusPointSearch:
 
 
 def _completeness_between_slices(item: str, gaps: Sequence[float]) -> Completeness:
-    """Return that only small curves or surfaces between slices can have been missed.
+    """Return the statement that a search in slices can only have missed small items.
 
-    A slice has the configurations in which all inputs but one are locked at given values.
-    A curve or surface that is smaller than the gaps can lie between the slices.
+    The items are curves or surfaces of singular configurations. A slice has the
+    configurations in which all inputs but one are locked at given values. An item that is
+    smaller than the gaps can lie between the slices.
 
     Parameters
     ----------
     item
         The kind of result, in the singular: ``"curve"`` or ``"surface"``.
     gaps
-        For each input, the distance between neighbouring slices (rad).
+        For each input, the distance (rad) between its neighbouring locked values.
     """
     sides = " by ".join(f"{np.degrees(gap):.3g}" for gap in gaps)
     # The short form follows the words "complete to a box of 10 deg:".
@@ -311,8 +312,10 @@ def closed_configurations(
 ) -> Floats:
     """Return closed configurations that Newton's method reaches from random starts.
 
-    In a closed configuration, all loops of links are closed. The start values of the inputs
-    are distributed uniformly over their ranges and are not changed by Newton's method.
+    In a closed configuration, all loops of links are closed. The caller searches from these
+    configurations for singular ones, or tests whether all of them are singular. The start
+    values of the inputs are distributed uniformly over their ranges. Newton's method does
+    not change the inputs.
 
     The variable of a rolling contact is the length along which two wheels have rolled. If
     the gear ratios determine these lengths from the inputs, Newton's method keeps these

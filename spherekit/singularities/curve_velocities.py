@@ -91,10 +91,10 @@ class PoleAxes:
     Attributes
     ----------
     directions
-        (n, 3) unit vectors by pole, of arbitrary sense.
+        For each pole (n, 3) unit vectors along its axis, of arbitrary sense.
     errors
-        (n,) bounds of the errors of the axes (rad) by pole. A bound above 1 is replaced by
-        1.
+        For each pole (n,) bounds of the error of its axis (rad). A bound above 1 is
+        replaced by 1.
     """
 
     directions: dict[Pole, Floats]
@@ -192,16 +192,17 @@ class LinkMotion:
         """Return the axes of poles with bounds of their errors.
 
         The axis of a pole is the axis about which its two links turn relative to each
-        other. There are up to three sources: a construction by great circles, the relative
-        angular velocity, and its derivative. At each configuration the axis with the
-        smallest error bound is taken.
+        other. There are up to three sources for it: intersections of great circles, the
+        relative angular velocity of the links, and its derivative. At each configuration
+        the axis with the smallest error bound is taken.
 
         Parameters
         ----------
         poles
             The poles, as indices of two links.
         plan
-            A construction of these poles by great circles, or None.
+            The order in which these poles are constructed from known ones, by intersections
+            of great circles. None leaves this source out.
         """
         directions: dict[Pole, Floats] = {}
         errors: dict[Pole, Floats] = {}
@@ -497,7 +498,8 @@ class CurveMotion:
         rest_points = self.rest_points(pole)
         if rest_points is None:
             return np.zeros((len(s), 3))
-        # |w| and |dw|, where dw is the derivative of w with respect to arc length.
+        # `speed` is |w|. `growth` is |dw|, where dw is the derivative of w with respect to
+        # arc length.
         speed, growth = self.links_at(s).speeds(pole)
         # The distance (rad) from a zero of w is about speed / growth. At distances up to
         # `NEAR_REST_RAD`, the direction of w is inaccurate, but the direction of dw is not.
@@ -508,7 +510,7 @@ class CurveMotion:
             self._direction_by_velocity(s, pole, rest_points),
         )
         # Where w is exactly zero, the direction can be NaN. The vector zero replaces NaN,
-        # so that the product with w is 0.
+        # so that its scalar product with w, the signed rate, is 0.
         return np.nan_to_num(direction)
 
     @np.errstate(invalid="ignore", divide="ignore")
@@ -617,8 +619,9 @@ class CurveMotion:
             zeros = zeros.merge_seam(curve.length)
         # Where the component touches zero and keeps its sign, the zero is double.
         is_double = zeros.double
-        # All other zeros are moved to the nearest minimum of the length of the whole
-        # vector. This minimum is more accurate, because all components contribute.
+        # All simple zeros are moved to the nearest minimum of the length of the whole
+        # vector, if it is very near. Where the links rest, this minimum is more accurate
+        # than the zero, because all components contribute.
         s = self._refine_zeros(zeros.places, is_double, pole)
         # Bounds of the errors of the arc lengths s.
         errors = self._bound_zero_errors(s, is_double, pole)
@@ -660,23 +663,28 @@ class CurveMotion:
     def _curvature_at_double_zeros(self, s: Floats, pole: Pole) -> Floats:
         """Return the size c (k,) of the second derivative of a velocity at double zeros.
 
-        The velocity is the relative angular velocity of two links, as a vector. At a double
-        zero it touches zero like a parabola. Its first derivative has the size c x at a
-        small distance x to either side. At a thousandth of the length of the curve, the
-        velocity is still nearly a parabola, and the derivative is above rounding.
+        The velocity is the relative angular velocity of two links, as a vector. All
+        derivatives are with respect to the arc length of the curve of configurations.
+        `_bound_zero_errors` needs c to bound the errors of the double zeros.
+
+        At a double zero the velocity touches zero like a parabola. Its first derivative has
+        the size c x at a small distance x to either side. So c is this size divided by x.
+        The distance is a thousandth of the length of the curve: the velocity is still
+        nearly a parabola there, and its derivative is larger than rounding errors.
 
         Parameters
         ----------
         s
             (k,) arc lengths of the double zeros (rad).
         pole
-            The two links.
+            The two links whose relative velocity is zero there.
         """
         distance = 1e-3 * self.curve.length
-        # The point aside is on the side of the middle of the curve, so it is on the curve.
+        # The derivative is taken at a point beside the zero, towards the middle of the
+        # curve. So this point is never beyond an end.
         is_in_second_half = s > 0.5 * self.curve.length
         s_aside = s + np.where(is_in_second_half, -distance, distance)
-        # The sizes of the velocity and of its first derivative.
+        # `speeds` returns the sizes of the velocity and of its first derivative.
         _, derivative_size = self.links_at(s_aside).speeds(pole)
         # The caller divides by the result, so it must not be zero.
         return np.maximum(derivative_size / distance, EPS)

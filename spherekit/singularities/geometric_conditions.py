@@ -75,6 +75,9 @@ class FulfilledCondition:
 class ParallelAxes:
     """The condition that some of the pole axes of four links are parallel.
 
+    `find_conditions` tests it at singularities. It is fulfilled if its sine is zero, up to
+    a tolerance.
+
     The pole axis of two links is the axis about which they rotate relative to each other.
     The four links are the input link i and its reference r, and the output link o and its
     reference s. `axes` are names of fields of `SixPoles`, such as "os" for the pole axis of

@@ -110,6 +110,8 @@ class FourLinks:
 class SixPoles:
     """Unit vectors (n, 3) along the six pole axes of four links, in common axes.
 
+    Geometric conditions of singularities compare these axes, or planes through them.
+
     The pole axis of two links is the axis about which they rotate relative to each other.
     The links are i, r (input and its reference), o, s (output and its reference). The field
     `os` is the axis of links o and s, and so on. `or_` and `is_` have an underscore,

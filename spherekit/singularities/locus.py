@@ -424,19 +424,23 @@ class SingularityLocus:
         """Return the rates among which singular motions are sought.
 
         A singular motion is a set of rates that close the loops while the inputs or the
-        output rest. Without a `part`, the result has all rates that close the loops. A
-        `part` has the pairs that can move the output. The result then has only motions in
-        which all other pairs rest, because a motion of other pairs is no singularity of
-        this output.
+        output rest. There are two cases:
+
+        - The attribute `part` is None. Singular motions are sought among all rates that
+          close the loops, so `space` is returned.
+        - `part` has the pairs that can move the output. The result has only rates with
+          which all other pairs rest, because a motion of other pairs is no singularity of
+          this output.
 
         Parameters
         ----------
         space
-            All rates that close the loops of the mechanism.
+            All rates that close the loops of the mechanism, at n configurations.
         reference_basis
-            (n, V, k) k independent sets of rates of the V variables: the result at
-            neighbouring configurations. A new basis for a part is rotated to be as near as
-            possible to this one, so that it changes continuously.
+            (n, V, k) for each configuration, the `basis` of this function's result at a
+            neighbouring configuration. The new basis for a part is rotated to be as near
+            as possible to it, so that it changes continuously. V is the number of
+            variables and k the `motion_dimension`.
         """
         if self.part is None:
             return space
@@ -707,12 +711,15 @@ class SingularityLocus:
 
         x are the rates of a motion that closes the loops. E x are the m rates of the inputs
         or of the output, which are zero in a singular configuration. E x changes because E
-        changes, and because x has to be corrected.
+        changes, and because other rates x close the loops of the changed configuration. The
+        caller needs the derivatives for the linearised equations of the singular
+        configurations.
 
         Parameters
         ----------
         space
-            The g independent changes of the configuration, at n configurations.
+            The g independent changes of the configuration that keep the loops closed, at n
+            configurations.
         unit_motions
             (n, V) the rates x of the V pair variables.
         motion_slopes
@@ -766,8 +773,8 @@ class SingularityLocus:
         has one dimension, and the locus is a curve. With g degrees of freedom it has g - 1
         dimensions.
         """
-        # Each independent equation takes one dimension from the unknowns. What remains is
-        # the dimension of the locus.
+        # The dimension of the null space is the number of unknowns minus the rank. At a
+        # regular point it is the dimension of the locus, from which the rank follows.
         unknown_count = linearised.equations.shape[2]
         locus_dimension = self.degrees_of_freedom - 1
         rank = unknown_count - locus_dimension
@@ -785,7 +792,7 @@ class SingularityLocus:
         # 0 at irregular points, where the tangents are not determined; at most 1.
         condition = _measure_regularity(svd, rank, orthonormalisation)
         return _LocusTangents(
-            # The columns of the basis are changes of the variables, one per coordinate.
+            # A column of the basis is the change of the variables per unit of a coordinate.
             values=linearised.space.basis @ configuration_tangents,
             motion_derivatives=motion_tangents,
             reciprocal_condition=np.where(svd.is_finite, condition, 0.0),
@@ -795,10 +802,13 @@ class SingularityLocus:
 def _motion_slopes(
     space: TangentSpace, motion_space: TangentSpace, motions: Floats
 ) -> Floats:
-    """Return how motions must change with the configuration to keep the loops closed.
+    """Return how motions have to change to close the loops of changed configurations.
 
-    A motion is a set of rates of the V pair variables that close the loops. If the
-    configuration changes, the rates must change, too.
+    A motion is a set of rates x of the V pair variables that close the loops: J x = 0 with
+    the closure Jacobian J. If the configuration changes, J changes, and x has to change,
+    too. Several changes of x are possible. The result is the smallest one, to first order.
+    The caller needs it to linearise equations in which both the configuration and x are
+    unknown.
 
     Parameters
     ----------
@@ -812,7 +822,7 @@ def _motion_slopes(
 
     Returns
     -------
-    (n, V, g) derivatives of the rates along the g changes.
+    (n, V, g) derivatives of the rates along the g changes of the configuration.
     """
     # (n, g, V, V) for each change of the configuration (`closed_changes`), the matrix whose
     # product with a motion is the change of this motion.
@@ -927,8 +937,9 @@ def append_conditions(
     Parameters
     ----------
     equations
-        (n, rows, g + k) matrices over g coordinates of the change of the configuration,
-        then k coordinates of the change of its singular motion.
+        (n, rows, g + k) matrices of the equations. The unknowns are two changes: that of
+        the configuration, in g coordinates, then that of the singular motion, in k
+        coordinates.
     conditions
         (n, b, V) matrices of b linear equations in the V variables.
     configuration_basis

@@ -93,9 +93,9 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
       the transmission measure, which states from 0 to 1 how firmly the locked input holds
       the output.
 
-    Singular configurations themselves are not included. In mechanisms in which these angles
-    are small everywhere, for example a gear reducer with a slow output, a point has to be
-    nearer to count.
+    Singular configurations themselves are not included. In some mechanisms these angles are
+    small everywhere, for example in a gear reducer with a slow output. A smaller limit than
+    `near` then applies.
 
     Parameters
     ----------
@@ -208,17 +208,18 @@ def _sine_limits(
 ) -> _SineLimits:
     """Return the limits between which a minimum of a distance counts as a near miss.
 
-    The distance is an angle that is zero at a singularity, and the limits are sines. At the
-    lower limit the configuration is singular itself. Some mechanisms have small distances
-    everywhere, which the limits take into account:
+    The distance is an angle that is zero at a singularity. Its sine is compared with the
+    limits. Up to the lower limit the configuration counts as singular itself. Above the
+    upper limit it is not near a singularity. In some mechanisms the distance is small
+    everywhere, so the limits are reduced there:
 
     - Type I: the tangent of the angle is the velocity coefficient (size of the output's
       rate over that of the input's rate). In a gear reducer the coefficient is small
       throughout. If the coefficient is below 1 on the whole curve, the upper limit is
       multiplied by its largest value.
     - Type II: the sine of the angle says how firmly the locked input holds the output. The
-      sine is small if all arcs between the axes of links are small. Both limits are
-      multiplied by the largest sine of such an arc.
+      sine is proportional to the sines of the arcs between the axes of links if all arcs
+      are small. Both limits are multiplied by the largest sine of such an arc.
 
     Parameters
     ----------
@@ -231,7 +232,7 @@ def _sine_limits(
     near
         Largest angle of a near miss (rad).
     """
-    # Distances are at most a right angle.
+    # The distance is at most a right angle. The sine of a larger angle would be too small.
     largest_sine = np.sin(min(near, np.pi / 2.0))
     if kind is Type.I:
         greatest_angle = np.nanmax(angle(sampled.curves[number].s), initial=0.0)
@@ -356,10 +357,10 @@ def local_minima(
 ) -> tuple[Floats, Floats, Floats]:
     """Return the local minima of the sine of an angle along a curve of configurations.
 
-    The angle is a distance from a singularity, or a transmission angle. A minimum is a
-    point between two points with larger sines, or an end of the curve or of the range if
-    the sine is not smaller a little inwards. The range of a simulation is the parts of the
-    curve that it passes.
+    The angle is a distance from a singularity, or a transmission angle. A minimum inside
+    the curve is a point between two points with larger sines. An end of the curve, or of
+    the part in the range of the input, is also a minimum if the sine a little inwards is
+    not smaller. In a simulation, the parts of the curve that it passes are this range.
 
     Parameters
     ----------
@@ -580,13 +581,17 @@ def _is_at_curve_end(curve: ArcCurve, ends: _PieceEnds) -> Bools:
 def _is_at_crossing(curve: ArcCurve, ends: _PieceEnds) -> Bools:
     """Return a mask (k,) of ends of pieces that are at crossings with other curves.
 
+    A piece is a part of a curve of configurations, in one assembly mode. Minima of the
+    distance from a singularity are also sought at the ends of pieces. The callers leave out
+    ends at crossings, because the motion can go on there.
+
     Parameters
     ----------
     curve
         The curve. `curve.ends` are the statuses of its start and its end, `AT_SINGULARITY`
         at a crossing.
     ends
-        k ends of pieces. `ends.s` are their arc lengths.
+        k ends of pieces of the curve. `ends.s` are their arc lengths.
     """
     is_at_crossing = np.zeros(len(ends.s), dtype=bool)
     for s, status in zip((0.0, curve.length), curve.ends, strict=True):
@@ -605,10 +610,12 @@ def _find_pieces(
 
 
 def _find_piece_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
-    """Return the start and the stop of each piece of a curve, one piece after another.
+    """Return the ends of all pieces of a curve: start and stop of each, in their order.
 
     A piece is a part of a curve of configurations, in one assembly mode (way to assemble
-    the mechanism). In a simulation it is a part that the motion passes.
+    the mechanism). In a simulation it is a part that the motion passes. The caller searches
+    minima of a function on the curve, such as the squared sine of a transmission angle. An
+    end can be a minimum of the piece.
 
     Parameters
     ----------
@@ -616,14 +623,19 @@ def _find_piece_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
         All curves, and the range of the input.
     number
         Index of the curve.
+
+    Returns
+    -------
+    For each end its arc length and input, and the arc length of a comparison point inside
+    the piece. With this point the caller decides whether the end is a minimum.
     """
     pieces = _find_pieces(sampled, number)
     # Arc lengths along the curve (rad), one for each piece.
     starts = np.array([piece.start for piece in pieces], dtype=float)
     stops = np.array([piece.stop for piece in pieces], dtype=float)
-    # For each end a comparison point inside the piece, close to the end. The end counts as
-    # a minimum if the function has the same or a larger value at this point.
-    # A simulation can pass many laps of a closed curve. One lap then counts as the length.
+    # The distance of the comparison point from the end is a small part of the length of the
+    # piece. A simulation can pass many laps of a closed curve. One lap then counts as the
+    # length.
     lengths = np.minimum(stops - starts, sampled.curves[number].length)
     inward_distances = INWARD_PART * lengths
     # One row (start, stop) for each piece, then all rows one after another.

@@ -226,23 +226,33 @@ class _PartFinder:
         )
 
     def find_ends_at_rows(self, visits: Sequence[Indices], number: int) -> Iterator[float]:
-        """Yield the ends of a curve (rad) at crossings at which rows of a simulation are.
+        """Yield the ends of a visited curve at which the simulation has a row (sample).
+
+        A visit is the indices of successive rows on one part of a curve. The caller extends
+        this part to the ends that are yielded. Curves end a little before the points at
+        which they cross, so a row at a crossing can be beyond the end of its curve.
 
         Parameters
         ----------
         visits, number
-            All visits, and the index of the one on the curve.
+            All visits, and the index of the visit whose curve is searched for ends.
+
+        Yields
+        ------
+        Arc lengths (rad) of the ends.
         """
         visit = visits[number]
-        # Rows between two visits are at a crossing and belong to both.
+        # The rows of this visit, and the rows between it and the neighbouring visits. The
+        # rows between two visits are on no curve. They can be at an end of either curve.
         first = visits[number - 1][-1] + 1 if number > 0 else 0
         is_last_visit = number + 1 == len(visits)
         stop = len(self.rows.s) if is_last_visit else visits[number + 1][0]
         for row in range(first, stop):
-            # Without a crossing, the row is at no end.
+            # A row that is at no crossing is at no end.
             for s in self._ends_at_crossing(visit[0], self.rows.crossing[row]):
                 miss = self._input_at_end(visit[0], s) - self.rows.q[row]
-                # Both ends of the curve may be at this crossing.
+                # Both ends of the curve may be at this crossing, with nearly equal inputs.
+                # The arc length of a row on the curve tells which end is at the row.
                 distance = abs(s - self.rows.s[row]) if row in visit else 0.0
                 if max(abs(miss), distance) < CROSSING_TOLERANCE_RAD:
                     yield s

@@ -62,8 +62,9 @@ class PlacingPart:
 def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingPart:
     """Return the part of a mechanism that determines the positions of some links.
 
-    Links that only follow are left out, so that the part has fewer configurations to
-    examine. If this is not possible, the result is the whole mechanism.
+    All links without an effect on these links are left out. The part then has fewer
+    configurations, on which the caller searches singularities. If no link can be left out,
+    the result is the whole mechanism.
 
     Parameters
     ----------

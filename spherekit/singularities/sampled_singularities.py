@@ -58,7 +58,8 @@ PIECE_END_TOLERANCE_RAD = 1e-6
 class Occurrence(NamedTuple):
     """An input at which a configuration (position of all links) occurs.
 
-    The same configuration can occur at several inputs, after whole periods of the input.
+    The mechanism repeats its configurations when the input grows by a period. So the same
+    configuration can occur at several inputs.
 
     Attributes
     ----------
@@ -68,8 +69,8 @@ class Occurrence(NamedTuple):
         Numbers of the assembly modes (ways to assemble the mechanism) that have the
         configuration at this input.
     is_inside
-        Whether the input is in its range. In a simulation, the motion must also pass the
-        configuration.
+        Whether the input is in its range. In a simulation, whether the simulated motion
+        passes the configuration at this input.
     """
 
     q: float
@@ -339,11 +340,15 @@ class SampledSingularities:
     ) -> Iterator[Occurrence]:
         """Yield the inputs at which a configuration occurs, with its assembly modes.
 
-        After a period of the input the mechanism is in the same configuration again. In a
-        range of two revolutions, for example, a four-bar has each configuration twice. If a
-        configuration does not occur in the range, the input nearest to the range is
-        yielded, marked as not inside. In a simulation, only configurations that the motion
-        passes are inside.
+        A singular configuration has a table row for each of these inputs. After a period of
+        the input the mechanism is in the same configuration again. In a range of two
+        revolutions, for example, a four-bar has each configuration twice.
+
+        - If a simulation passes the configuration, the inputs at which it passes are
+          yielded.
+        - If a simulation does not pass it, a single input is yielded, marked as not inside.
+        - For other motions, all inputs in the range are yielded. If there is none, the
+          input nearest to the range is yielded, marked as not inside.
 
         Parameters
         ----------
@@ -356,6 +361,7 @@ class SampledSingularities:
             In a range of whole periods, both ends are the same. An input nearer to the
             upper end than this (rad) is moved to the lower end.
         """
+        # This is true only for simulations.
         if self._passes_any(places):
             yield from self._find_passages(places, values)
             return
@@ -363,7 +369,8 @@ class SampledSingularities:
         first_curve, _ = places[0]
         inputs = self._find_inputs(first_curve, values[self._driven], margin)
         if self.is_simulation:
-            # The simulation does not pass the configuration, so one input is enough.
+            # The simulation does not pass the configuration. One input is enough to list
+            # the configuration.
             inputs = inputs[:1]
         for q in inputs:
             is_in_range = bool(in_range(np.array(q), *self.range))
@@ -462,10 +469,15 @@ class SampledSingularities:
         """Yield the pieces of a curve that include an arc length s at an input q.
 
         A piece is a part of the curve in one assembly mode (way to assemble the mechanism).
+        The pieces tell the assembly modes of the configuration.
+
         If the range of the input has several periods, each period has a piece for the same
         part of the curve. For example, let the range be 0 to 720 deg with a period of 360
-        deg. One piece includes s at the input 30 deg, another one includes s at 390 deg. A
-        piece is yielded if its input at s counts as the same input as q.
+        deg. One piece includes s at the input 30 deg, another one includes s at 390 deg.
+        For q = 30 deg only the first piece is yielded.
+
+        A piece is yielded if its input at s is q. The two ends of a range of whole periods
+        count as the same input. In a simulation all inputs that differ by whole periods do.
 
         Parameters
         ----------
@@ -593,7 +605,8 @@ class SampledSingularities:
           transmission measure (`Transmission`), which states from 0 to 1 how firmly the
           locked input holds the output.
 
-        Such an angle vanishes only at singularities of its type.
+        The angle says how far a configuration is from a singularity of this type. It is 0
+        only at the singularity, and at most pi/2.
 
         Parameters
         ----------
@@ -867,11 +880,12 @@ class SampledSingularities:
         return input_authority(solver.closure.tree, [solver.input_variable], vectors)
 
     def output_angle(self, curve: int, output: int, s: Floats) -> Floats:
-        """Return the angle (n,), in rad, of an output along a curve.
+        """Return the angle (n,), in rad, of an output along a curve of configurations.
 
-        The output is the relative motion of two links. If an R pair joins both links, the
-        angle is the variable of this pair, up to the sign. Otherwise the relative rate is
-        integrated from the first arc length on, by the trapezoidal rule.
+        The output is the rotation of one link relative to another. If an R pair joins both
+        links, the angle is the variable of this pair, or its negative. Otherwise the angle
+        is 0 at the first arc length. From there on, the relative angular velocity per unit
+        of arc length is integrated by the trapezoidal rule.
 
         Parameters
         ----------
@@ -982,8 +996,9 @@ class SampledSingularities:
 
         Crossings with other curves are included, because they are singular, too.
 
-        Singularities of a closed curve repeat in each lap. Singularities are listed for
-        three laps, so that each point of the curve has one before and one after it.
+        The caller searches, for each point of the curve, the singularity before it and the
+        one after it. Singularities of a closed curve repeat in each lap. They are listed
+        for three laps, so that each point of the middle lap has both.
 
         Parameters
         ----------

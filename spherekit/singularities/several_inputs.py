@@ -563,21 +563,28 @@ def _turning_directions(angular_velocity: Floats, sizes: Floats) -> Floats:
 def _discard_ambiguous_motions(sizes: Floats, input_rates: Floats) -> Floats:
     """Return the sizes (n, g) of motions with NaN for those that are not unique.
 
-    Each of the g motions moves one input while the others are locked. A size is the size of
-    all rates in the motion. The size is zero, up to rounding, if the links can move in
-    several ways.
+    Motion i of the g motions moves input i while the other inputs are locked. Its size is
+    the norm of all its rates. The caller divides by this size.
+
+    All motions that close the loops are combinations of g orthonormal basis motions. The
+    rates of the inputs in the basis motions are a matrix, with a row for each input. The
+    coefficients of motion i are column i of the adjugate: determinants of this matrix
+    without row i and one column. If the links can move in several ways while the other
+    inputs are locked, the remaining rows are dependent. All these determinants, and the
+    size of motion i, are then zero up to rounding.
 
     Parameters
     ----------
     sizes
         (n, g) the sizes.
     input_rates
-        (n, g, g) rates of the g inputs in g orthonormal motions.
+        (n, g, g) the matrix: rates of the g inputs (rows) in the basis motions (columns).
     """
     largest_size = np.max(sizes, axis=1, keepdims=True)
     is_unique = sizes > SINGULAR_TRANSMISSION * largest_size
     if input_rates.shape[1] > 1:
-        # If the links can move in two ways while all inputs rest, all sizes are zero.
+        # If the links can move in two ways while all inputs rest, all sizes are zero, and
+        # their ratios are rounding. Two singular values of the matrix are then zero, too.
         second_smallest = decompose(input_rates).values[:, -2]
         is_unique &= second_smallest[:, None] > SINGULAR_TRANSMISSION
     return np.where(is_unique, sizes, np.nan)
@@ -732,8 +739,11 @@ def _decide_groups(
 class _OccurringRates:
     """A basis of the rates of inputs and output that occur together, at n configurations.
 
-    The mechanism has k independent motions. Each column of the basis belongs to a motion:
-    it has the g rates of the inputs, and below these the m rates of the output.
+    The mechanism has k independent motions. Each column of the basis belongs to a motion.
+    The upper g numbers are the rates of the inputs in this motion. The m numbers below them
+    are the rates of the output. From the basis, the nearness to type I is measured, where
+    inputs can move while the output rests. The basis also shows whether only other links
+    can move (self-motion).
 
     Attributes
     ----------
@@ -757,10 +767,15 @@ class _OccurringRates:
 
 
 def _find_occurring_rates(input_rates: Floats, output_rates: Floats) -> _OccurringRates:
-    """Return an orthonormal basis of the rates of inputs and output that occur together.
+    """Return a basis of the rates that inputs and output can have in the same motion.
 
-    The rates of the g inputs and, below these, the m rates of the output are a column for
-    each of k independent motions. The basis spans all combinations of these columns.
+    There are k independent motions. Each motion has a column of g + m numbers: the rates of
+    the g inputs, and below these the m rates of the output. The basis spans the same space
+    as these columns. Its columns are orthonormal, or zero if there are fewer than k
+    dimensions.
+
+    From the basis, the caller measures how near a configuration is to a singularity of
+    type I, where inputs can move while the output rests.
 
     Parameters
     ----------
@@ -770,7 +785,7 @@ def _find_occurring_rates(input_rates: Floats, output_rates: Floats) -> _Occurri
     _, input_count, motion_count = input_rates.shape
     svd = decompose(np.concatenate([input_rates, output_rates], axis=1))
     # The first k left singular vectors are the basis. A singular value of zero belongs to a
-    # motion in which inputs and output rest.
+    # motion in which inputs and output rest. Its vector is replaced by zeros.
     is_moving = svd.values > SINGULAR_TRANSMISSION
     basis = svd.left[:, :, :motion_count] * is_moving[:, None]
     return _OccurringRates(
@@ -905,21 +920,23 @@ def _possible_causes(
 
     If input i moves with the rate q_i' while the others are locked, the output turns about
     the axis u_i with the angular velocity w_i, and c_i w_i = d_i q_i'. A cause is a
-    quantity that vanishes at a singularity. There are three lists, or two for an
-    orientation. A cause of a later list is reported only if no cause of the earlier lists
-    applies:
+    quantity that vanishes at a singularity. The causes are in three lists. A cause of a
+    later list is reported only if no cause of the earlier lists applies:
 
     1. a coefficient c_i or d_i is zero, all axes coincide, three are in one plane, or an
        axis is along the output direction;
     2. two axes coincide;
     3. two axes are in one plane with the output direction.
 
+    If the output is the orientation of a link, it has no direction, and there is no third
+    list.
+
     Parameters
     ----------
     inputs
         Names of the g inputs.
     c, d
-        (n, g) the coefficients of each input.
+        (n, g) the coefficients c_i and d_i of each input.
     u
         (n, g, 3) unit vectors along the axes u_i, at n configurations.
     direction

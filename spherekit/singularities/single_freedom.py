@@ -204,14 +204,15 @@ class SingleFreedomSingularities:
 
         A relation is an equation c y' = d q', where q' is the rate of the input. The
         coefficients c and d follow from the axes about which four links turn relative to
-        each other. Each relation becomes useless (c = d = 0) in some configurations, so
-        there are two if possible. The input is the rotation of link i relative to link r,
-        and the output is the rotation of link o relative to link s:
+        each other. Each relation becomes useless (c = d = 0) in some configurations. There
+        are two if possible, since one can still be used where the other one vanishes. The
+        input is the rotation of link i relative to link r, and the output is the rotation
+        of link o relative to link s:
 
         - In form "i", y' is the rate of the output. The four links are i, r, o and s.
         - In form "ii", y' is the rate of o relative to r. The four links are i, r, o and an
-          auxiliary link, which is called s, too. This form exists only if o is neither i
-          nor r.
+          auxiliary link, which takes the place of s in the formulas. This form exists only
+          if o is neither i nor r.
 
         Parameters
         ----------
@@ -299,7 +300,8 @@ class SingleFreedomSingularities:
         The curve consists of configurations of the mechanism. Rates are derivatives
         with respect to the arc length of this curve. A relation is an equation c y' = d
         q' between the rates of output and input. c and d are triple products of pole
-        axes, the axes of relative rotation of links.
+        axes, the axes of relative rotation of links. The singularity analysis makes columns
+        of its tables from the rates and the coefficients.
 
         Parameters
         ----------
@@ -515,9 +517,10 @@ class SingleFreedomSingularities:
         """Texts about relations that say nothing about the rates on a whole curve.
 
         A relation c y' = d q' connects the rate y' of an output and the rate q' of the
-        input. On some curves of configurations, c and d are zero or unknown everywhere. The
-        types of singularities then follow from the rates alone, which a note says. Curves
-        on which the input or the output rests get no note.
+        input. Normally it checks the types of singularities, which follow from computed
+        rates. On some curves of configurations, c and d are zero or unknown everywhere, so
+        the types cannot be checked there. A note tells users. Curves on which the input or
+        the output rests get no note.
         """
         link_names = self.position_analysis.mechanism.links
         notes: list[str] = []
@@ -542,8 +545,9 @@ class SingleFreedomSingularities:
         """The singularities at which the closure equations lose rank, for each output.
 
         Generally several curves of configurations cross there. At a crossing, the velocity
-        equations have at least two independent solutions. In one combination of these the
-        input rests, and in another one the output rests. So the singularity is of type III.
+        equations have at least two independent solutions. They can be combined into a
+        motion in which the input rests, and into one in which the output rests. So the
+        singularity is of type III.
         """
         points: list[SingularPoint] = []
         for curve_end in self._singular_curve_ends():
@@ -558,6 +562,7 @@ class SingleFreedomSingularities:
                     error=np.nan if crossing is None else crossing.error,
                     values=curve_end.values,
                     note=_explain_crossing_doubts(crossing),
+                    # The relation of the rates of input and output on each curve.
                     relations=self._relations_at_crossing(crossing, output),
                     crossing=crossing,
                 )
@@ -704,18 +709,23 @@ def _vanishes_on_curve(relation: Relation) -> bool:
 def _explain_vanishing_relation(
     relation: Relation, curve: int, link_names: Sequence[str]
 ) -> str:
-    """Return a note for users why a relation does not determine rates on a whole curve.
+    """Return a note for users why a relation is useless on a whole curve.
 
     A relation c y' = d q' connects the rate q' of the input and a rate y' of the output
-    link. The coefficients follow from the axes about which links turn relative to each
-    other. With four links, c and d are zero if all axes are in one plane. With three links,
-    c and d are unknown if all axes are on one line, because a plane through the axes is
-    needed to compute them. The types of singularities then follow from computed rates.
+    link. The type of a singularity is normally checked by which of c and d is zero. The
+    coefficients follow from the axes about which links turn relative to each other.
+
+    - With four links, c and d are both zero if all axes are in one plane.
+    - With three links, c and d are unknown if all axes are on one line. A plane through the
+      axes is needed to compute them, and the line lies in many planes.
+
+    The note says that the types then follow from the rates y' and q' alone.
 
     Parameters
     ----------
     relation
-        The relation, with its form "i" or "ii".
+        The relation. In its form "i", y' is the rate of the output link relative to the
+        reference link of the output, in form "ii" relative to that of the input.
     curve
         Index of the curve.
     link_names
@@ -758,20 +768,23 @@ class _SingularCurveEnd:
 class InputOutputRests:
     """The n points of a curve of configurations where the input, the output, or both rest.
 
-    These points are the singularities of the curve. The zeros of both rates are computed
-    independently. A zero of the input's rate and a zero of the output's rate count as one
-    point if they agree within their error bounds.
+    These points are the singularities of the curve. Input and output each have a rate: the
+    angular velocity between their two links per unit of arc length. It is zero where they
+    rest. The zeros of both rates are computed independently. A zero of the input's rate and
+    a zero of the output's rate count as one point if they agree within their error bounds.
 
     Attributes
     ----------
     s, errors
         (n,) arc lengths of the points, and bounds of their errors (rad).
     distances
-        (n,) distance (rad) between the two computed zeros if both rest, otherwise 0.
+        (n,) distance (rad) along the curve between the computed zeros of both rates. It is
+        0 if only the input or only the output rests.
     input_rests, output_rests
         (n,) whether the input rests, and whether the output rests.
     input_is_double, output_is_double
-        (n,) whether the zero of the rate is double. The motion does not reverse there.
+        (n,) whether the zero of the rate is double. The input or output does not reverse
+        there.
     """
 
     s: Floats

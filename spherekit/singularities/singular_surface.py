@@ -309,7 +309,9 @@ class SingularSurface:
     def _interpolate(self, edges: Indices, part: Floats | float) -> _EdgePoints:
         """Return points on edges of the mesh, by linear interpolation between the two ends.
 
-        From these points, Newton's method leads onto the surface.
+        A point has the pair variables and the singular motion. The singular motion is a
+        vector of rates with which the inputs or the output rest. Newton's method leads from
+        the points onto the surface of singular configurations.
 
         Parameters
         ----------
@@ -325,8 +327,8 @@ class SingularSurface:
         # a revolution, an arc length by the circumference of its profile. Such periods are
         # removed from the differences.
         edge_vectors = less_periods(second - first, self.periods)
-        # A singular motion (inputs or output at rest) is known up to its sign. The motion
-        # at the second end gets the sign that agrees with the motion at the first end.
+        # The opposite of a singular motion is a singular motion, too. The motion at the
+        # second end gets the sign that agrees with the motion at the first end.
         second_motion *= np.sign(np.vecdot(first_motion, second_motion))[:, None]
         values = first + part * edge_vectors
         motions = first_motion + part * (second_motion - first_motion)

@@ -198,8 +198,8 @@ class SingularityReport:
 
         In a singular motion the inputs rest (type II), the output rests (type I), or both
         (self-motion). The report looks for one of these types, which is the `kind` of all
-        points. The `type` of each point considers all its singular motions, so some points
-        can be of another type.
+        points. A point can have further singular motions. Its `type` is decided from all of
+        them, so it can differ from `kind`.
 
         Parameters
         ----------
@@ -209,8 +209,8 @@ class SingularityReport:
             (n, V) rates of the variables in the singular motions, with norm 1.
         residual
             (n,) the larger of two errors. One is by how much the loops are open (rad). The
-            other is the rate of the inputs or the output that should rest (rad per rad of
-            the motion).
+            other is the rate of the inputs or the output that should rest, in a motion with
+            norm 1.
         """
         linearisation = self.solver.closure.linearise(values)
         # Whole periods are added to the inputs, so that these are in their ranges or as

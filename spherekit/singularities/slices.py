@@ -41,7 +41,7 @@ Larger: the time limit is checked less often."""
 
 
 def solver_of(mechanism: Mechanism) -> PositionSolver:
-    """Return the position solver of a mechanism, without a search of assembly modes.
+    """Return the position solver of a mechanism; assembly modes are not searched here.
 
     The solver needs as many degrees of freedom as inputs. The degrees of freedom are
     counted from the numbers of links and pairs (joints). If this count is wrong because of
@@ -196,11 +196,11 @@ def _slice_starts(
 
 @dataclass(frozen=True)
 class LockedInputSection:
-    """Curves of configurations, on which one input moves and the others are locked.
+    """Curves of configurations along which one input moves while the others are locked.
 
-    The configurations with all inputs but one locked at fixed values are a slice. A slice
-    consists of curves. Each input is free in turn, and the others are locked at the values
-    of a regular grid. The curves are searched for singular configurations.
+    A slice is the set of all configurations with all inputs but one locked at fixed values.
+    It consists of curves. Each input is free in turn, and the others are locked at the
+    values of a regular grid. The curves are searched for singular configurations.
 
     Attributes
     ----------

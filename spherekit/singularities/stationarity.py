@@ -241,8 +241,9 @@ def output_of(
         The direction that must rest: the name of an R pair on the output's link, for the
         axis of this pair, or a vector (3,) in the link's axes. If it is not given, the
         number of inputs decides. With two inputs it is the direction that the output
-        declares, because a direction has two degrees of freedom. With another number, or
-        without a declared direction, the orientation of the link must rest.
+        declares: a direction has two degrees of freedom, as many as there are inputs. With
+        another number, or without a declared direction, the orientation of the link must
+        rest.
 
     Raises
     ------

@@ -278,15 +278,16 @@ class SurfaceFront:
         """Register a new triangle at one of its sides.
 
         The first triangle on an edge makes the edge open: it waits for a second triangle.
-        The second triangle closes the edge. A closed edge may stay in `waiting_edges`,
-        where it is ignored.
+        The second triangle closes the edge. A closed edge may stay in `waiting_edges`. It
+        is skipped when its turn comes.
 
         Parameters
         ----------
         edge
             The two vertices of the side.
         opposite
-            The third vertex of the new triangle.
+            The third vertex of the new triangle. The second triangle has to be on the other
+            side of the edge.
         """
         if edge in self.open_edges:
             del self.open_edges[edge]

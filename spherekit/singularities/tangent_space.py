@@ -238,7 +238,8 @@ class TangentSpace:
         The rates x of the pair variables close the loops if J x = 0, with the closure
         Jacobian J. If the configuration changes, J changes by J', and x has to change too.
         The smallest change of x that keeps J x = 0 to first order is -J^+ J' x. J^+ is the
-        pseudo-inverse of J.
+        pseudo-inverse of J. Callers multiply the returned matrices by rates x to get the
+        change of x.
 
         Parameters
         ----------
@@ -247,7 +248,8 @@ class TangentSpace:
 
         Returns
         -------
-        (n, d, V, V) the matrices -J^+ J', zero for variables outside of the loops.
+        (n, d, V, V) the matrices -J^+ J', for all V variables of the mechanism. The rows
+        and columns of variables outside of the loops are zero.
         """
         n, direction_count, variable_count, _ = changes.vector_derivatives.shape
         corrections = np.zeros((n, direction_count, variable_count, variable_count))

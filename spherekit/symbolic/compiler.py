@@ -114,9 +114,10 @@ def compile_function(
     inputs: Sequence[ExpressionNode],
     compact: bool = False,
 ) -> ArrayFunction:
-    """Compile expressions by heyoka to a function that evaluates them on arrays.
+    """Compile expressions to machine code, in a function that evaluates them on arrays.
 
-    The function maps an array (inputs, n) to an array (outputs, n).
+    The library heyoka compiles. The function maps an array (inputs, n) to an array
+    (outputs, n), where n is the number of points of evaluation.
 
     Parameters
     ----------

@@ -217,6 +217,9 @@ class _ProgramStep:
 class _Program:
     """Expressions as a sequence of operations on named values.
 
+    Functions that evaluate the expressions, on arrays or on single numbers, are made from
+    it.
+
     Attributes
     ----------
     steps

@@ -127,9 +127,9 @@ class ExpressionNode:
     Nodes are created by `symbols`, `function` and the operators ``+ - * /``. Two equal
     nodes are always one object, so an expression that occurs several times is stored once.
     The operators simplify products with 0 and 1, sums with 0, and x - x. They move minus
-    signs out of products, and write a + (-b) as a - b. Finite values stay the same. A
-    product of 0 with infinity or NaN, a difference x - x, and a quotient with the numerator
-    0 are 0 for all values.
+    signs out of products, and write a + (-b) as a - b. Finite values stay the same. The
+    expressions 0 x, x - x and 0 / x become 0, even if x is later infinite or NaN, or the
+    denominator is 0.
 
     Attributes
     ----------
@@ -353,18 +353,19 @@ def substitute(
 def separate_constant_parts(
     expressions: Sequence[Expr], moving: Iterable[ExpressionNode]
 ) -> tuple[list[Expr], dict[ExpressionNode, ExpressionNode]]:
-    """Replace the parts of expressions that do not depend on some nodes by variables.
+    """Replace the constant parts of expressions by new variables.
 
-    The parts can be evaluated once for many values of the other nodes. For example, the
-    parts that depend only on the sizes of a design are evaluated once per design. The new
-    variables are called design_0, design_1, ...
+    A part is constant if it contains none of the nodes `moving`. It can be evaluated once
+    for many values of these nodes. For example, the parts that depend only on the sizes of
+    a design are evaluated once per design. The new variables are called design_0,
+    design_1, ...
 
     Parameters
     ----------
     expressions
         Numbers, and nodes (variables or operations).
     moving
-        Nodes with changing values. A part is constant if it contains none of them.
+        Nodes with changing values.
 
     Returns
     -------

@@ -24,17 +24,17 @@ PRESERVES_WHOLE_REVOLUTIONS = ("+", "-", "negative")
 
 @dataclass(frozen=True)
 class AngleForms:
-    """A part of a symbolic expression in two forms, as it is and without whole revolutions.
+    """A symbolic expression in two forms, as it is and without whole revolutions.
 
-    Sines, cosines and tangents are computed from the second form. The second form is more
-    accurate, because an angle of many revolutions has fewer exact digits.
+    Sines, cosines and tangents are computed from the second form. It is more accurate,
+    because a large floating-point angle has fewer exact digits after the decimal point.
 
     Attributes
     ----------
     full
         The value, which may be an angle of many revolutions.
     reduced
-        The value less whole revolutions. The same as `full` if the value is no angle.
+        The value minus whole revolutions. The same as `full` if the value is no angle.
     """
 
     full: Expr
@@ -160,15 +160,17 @@ def _check_denominator(name: str, operands: Sequence[Expr], text: str) -> None:
 
 
 def _keeps_whole_revolutions(name: str, operands: Sequence[Expr]) -> bool:
-    """Return whether whole revolutions of operands give whole ones in the result.
+    """Return whether an operation turns whole revolutions into whole revolutions.
 
-    Such an operation may be applied to angles from which whole revolutions were subtracted.
-    Examples are a sum, and the product of an angle and an integer.
+    If an operand (an angle) changes by whole revolutions, the result then changes by whole
+    revolutions, too. So the operation may be applied to angles from which whole revolutions
+    were subtracted. Examples are a sum, and the product of an angle and an integer. Half of
+    an angle is a counterexample.
 
     Parameters
     ----------
     name
-        Name of the operation that has the result.
+        Name of the operation, such as "+".
     operands
         Its operands: numbers and nodes.
     """

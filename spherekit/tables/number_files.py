@@ -160,7 +160,7 @@ def _read_cells(path: Path) -> "pd.DataFrame":
     """Return the cells of a CSV or Parquet file as a pandas frame.
 
     The cells of a CSV file are still texts. The index of the frame counts the lines after
-    the header, for messages about bad cells.
+    the header (the rows of a Parquet file) from 0, for messages about bad cells.
 
     Raises
     ------

@@ -449,6 +449,16 @@ def _read_arrow_table(
 ) -> "pa.Table":
     """Return columns of a Parquet file, by default all.
 
+    Parameters
+    ----------
+    path
+        The file.
+    columns
+        Names of the columns, None for all.
+    metadata
+        The metadata that the file had when it was opened first. They differ if another run
+        has replaced the file since. None: they are not compared.
+
     Raises
     ------
     FileError
@@ -739,7 +749,7 @@ def format_column_list(
     Parameters
     ----------
     tables
-        Declarations of the tables, by the names of their files without ending.
+        The tables, which declare their columns, by the names of their files without ending.
     degrees
         Whether the files have angles in degrees.
     formats

@@ -78,8 +78,8 @@ class JoinedBlocks(Mapping[str, Array]):
     def join(self, names: Iterable[str]) -> dict[str, Array]:
         """Return columns of a table, joined from all blocks of rows.
 
-        Rows of several blocks are sorted by assembly mode (one of the ways to assemble the
-        mechanism).
+        If there are several blocks, the rows are sorted by assembly mode (one of the ways
+        to assemble the mechanism), unless the table has no such column.
 
         Parameters
         ----------
@@ -88,7 +88,8 @@ class JoinedBlocks(Mapping[str, Array]):
 
         Returns
         -------
-        New arrays by name, which this object does not store.
+        New arrays by name. This method does not store them. A column that is read by its
+        name, as in ``blocks[name]``, is stored.
         """
         if not self._spans:
             self._order_rows()
@@ -99,16 +100,16 @@ class JoinedBlocks(Mapping[str, Array]):
             # width of the column.
             dtype = self._dtypes[name] or np.result_type(*(part.dtype for part in parts))
             joined[name] = np.empty(sum(map(len, parts)), dtype=dtype)
-        # Write the rows of each block to their positions. A span is a slice of rows of the
-        # block, with the row of the result at which it begins. All columns of a block are
-        # copied together: some are lazy (computed when they are copied) and share
-        # computations.
+        # Write the rows of each block to their positions. A span states successive rows of
+        # the block, and the row of the result to which the first of them is copied. All
+        # columns of a block are copied together: some are lazy (computed when they are
+        # copied) and share computations.
         for block, spans in zip(self._blocks, self._spans, strict=True):
             copy_columns([(block[name], column) for name, column in joined.items()], spans)
         return joined
 
     def _order_rows(self) -> None:
-        """Find the positions of the rows of all blocks in the joined columns.
+        """Find the row of the joined columns to which each row of a block belongs.
 
         Each block has the rows of successive samples, in all assembly modes (ways to
         assemble the mechanism). If there are several blocks, the rows are joined mode by
@@ -146,14 +147,16 @@ class JoinedBlocks(Mapping[str, Array]):
 class SortedBlock:
     """Rows of a block of samples, in which the rows of each assembly mode are together.
 
-    An assembly mode is one of the ways to assemble the mechanism.
+    An assembly mode is one of the ways to assemble the mechanism. The slices of rows tell
+    where the rows belong when blocks are joined mode by mode.
 
     Attributes
     ----------
     columns
         Columns of the block.
     rows_of_modes
-        Number of each assembly mode and the slice of its rows, in the order of the rows.
+        For each assembly mode its number and the slice of its rows, in the order of the
+        rows.
     """
 
     columns: TableData
@@ -279,8 +282,8 @@ def _position_slices(sorted_blocks: Sequence[SortedBlock]) -> list[list[Span]]:
 
     Returns
     -------
-    For each block its slices of rows, with the row of the joined columns at which each
-    begins.
+    For each block its slices of rows. The `Span` of a slice states these rows, and the row
+    of the joined columns at which they begin.
     """
     block_slices = [
         _BlockSlice(mode, block_number, rows)

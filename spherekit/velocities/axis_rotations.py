@@ -80,7 +80,8 @@ class JointTransform:
         """The axis (3,) of the first rotation Z_1, in the axes of the first link.
 
         A pair is a chain C_0 Z_1 C_1 ... Z_k C_k of constant rotations C and rotations Z
-        about z. The columns of C_0 are the axes of the frame in which Z_1 rotates about z.
+        about z. C_0 converts from the frame in which Z_1 rotates about z to the axes of the
+        first link. So the columns of C_0 are the axes of this frame.
         """
         return self.constants[0][:, 2]
 
@@ -89,7 +90,8 @@ class JointTransform:
         """The axis (3,) of the last rotation Z_k, in the axes of the second link.
 
         A pair is a chain C_0 Z_1 C_1 ... Z_k C_k of constant rotations C and rotations Z
-        about z. The rows of C_k are the axes of the frame in which Z_k rotates about z.
+        about z. C_k converts from the axes of the second link to the frame in which Z_k
+        rotates about z. So the rows of C_k are the axes of this frame.
         """
         return self.constants[-1][2]
 

@@ -295,8 +295,11 @@ def _rolling_vector(
 
     The vector is the angular velocity of the second link relative to the first, per unit of
     arc length s. k1 and k2 are the curvatures of the profiles of both links, and p is the
-    contact point. One of the links carries the vector. Primes are derivatives with
-    respect to s as seen from this link. The tangent is t = p'. Then
+    contact point. The derivatives serve to differentiate velocities, and to bound errors.
+
+    The vector is seen from one of the two links, its carrier: it turns with the carrier
+    and also changes relative to it. Primes are derivatives with respect to s as seen from
+    the carrier. The tangent is t = p'. Then
 
         slide, the first derivative: (k1 - k2) t + (k1 - k2)' p
         second derivative:           (k1 - k2) t' + 2 (k1 - k2)' t + (k1 - k2)'' p
@@ -310,9 +313,9 @@ def _rolling_vector(
     sides
         The two profiles, with the curvatures k1 and k2.
     carrier_curvature
-        The curvature, k1 or k2, of the profile on the link that carries the vector.
+        The curvature, k1 or k2, of the profile on the carrier.
     contact_line
-        The contact point p, which slides on this link along the tangent.
+        The contact point p, which slides on the carrier along the tangent.
     """
     first, second = sides
     curvature_difference = first.curvature - second.curvature  # k1 - k2

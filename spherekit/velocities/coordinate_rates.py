@@ -35,9 +35,10 @@ class MotionRates:
     Attributes
     ----------
     scaled_speeds
-        The rate of each input, divided by the determinant D of the velocity equations. Let
-        tau be a rate times D, while only one input moves at unit rate. The same rate during
-        the motion is the sum over the inputs of tau times the scaled speed.
+        The rate of each input, divided by the determinant D of the velocity equations.
+        `CoordinateRates` has the rates tau of all variables times D, while one input moves
+        at unit rate. So the rate of a variable is a sum over the inputs: its tau for this
+        input, times the scaled speed of the input. Angular velocities are such sums, too.
     variable_rates
         The rate of each pair (joint) variable.
     w
@@ -103,9 +104,9 @@ class CoordinateRates(VelocityEquations):
         driven_rates
             The rate of each driven pair (joint), by the index of the pair.
         offsets
-            By the index of a pair, a vector (3,) that is subtracted from its angular
-            velocity in the loop equations. For accelerations the offset is minus the part
-            of the relative acceleration that depends on velocities only.
+            By the index of a pair, a vector (3,) that is subtracted from the angular
+            velocity of the pair in the loop equations. For accelerations the offset is
+            minus the part of the relative acceleration that depends on velocities only.
         """
         # Each driven pair has a single variable.
         rate_by_variable = {
@@ -206,7 +207,10 @@ class CoordinateRates(VelocityEquations):
         return residual_rates
 
     def solve_loops(self, offsets: Mapping[int, Exprs]) -> list[Expr]:
-        """Return the rates of all variables for given offsets, while the inputs rest."""
+        """Return the rates of all variables for given offsets, while the inputs rest.
+
+        An offset is a known vector of a pair in the loop equations, see the base class.
+        """
         rates, scale = self._solve_groups(self.structure.rates_at_rest, offsets)
         inverse_scale = 1.0 / scale
         return [rate * inverse_scale for rate in rates]
@@ -251,7 +255,7 @@ class CoordinateRates(VelocityEquations):
 
         The vector is the relative angular velocity of the two links of the pair (joint),
         per unit rate of its variable. The basis consists of three unit vectors fixed in the
-        link. If the vector is also fixed in the link, its components are constant.
+        link. If the vector too is fixed in the link, its components are constant.
 
         Parameters
         ----------

@@ -280,10 +280,12 @@ def _rows_of_modes(
 ) -> Iterator[tuple[AssemblyMode, Indices]]:
     """Yield each assembly mode with the indices of its rows (k,) in a motion.
 
-    A mode is a way to assemble the links, with signs that identify its solution. Some modes
-    consist of `pieces`, because they continue smoothly through points at which modes meet.
-    Each piece is a range of the input with the ordinary mode there. In place of such a
-    mode, these ordinary modes are yielded, each with the rows in its range.
+    A mode is a way to assemble the links. Its signs select one solution for each group of
+    links, and the caller places the links by these signs. Where two modes meet, a mode may
+    follow the smooth curve of configurations, and its signs change there. A mode whose
+    signs change is composed of `pieces`: ranges of the input, each with a mode of constant
+    signs. Instead of a composed mode, the modes of its pieces are yielded. Each has the
+    rows whose input is in its range.
     """
     for mode in modes:
         rows = np.flatnonzero(motion.assembly_mode == mode.number)

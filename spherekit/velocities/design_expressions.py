@@ -388,9 +388,9 @@ class DesignExpressions:
         """Raise `EngineError` because two quantities have the same name.
 
         Names of quantities are names of links or pairs joined by underscores, which may
-        also occur in the names themselves. For an ambiguous name, the table of quantities
-        refers to this method. This method never returns, but has the return type of the
-        other methods.
+        also occur in the names themselves. The table of quantities says for each name which
+        method computes it. For an ambiguous name, the table states this method. The method
+        never returns, but has the return type of the other methods.
 
         Parameters
         ----------
@@ -560,13 +560,14 @@ class DesignExpressions:
 
         If equations are redundant, the rates are computed from equations that are
         independent at one configuration. Where the chosen equations depend on each other,
-        the computed rates violate the remaining equations. At all other configurations the
-        result is zero up to rounding.
+        the computed rates violate the remaining equations. The caller then uses rates from
+        another choice of equations. Elsewhere the result is zero up to rounding.
 
         Returns
         -------
-        The norm of the residuals of all loops and inputs. The residual of each input is
-        relative to the norm of its rates.
+        The norm of all residuals. For each input, the residuals of the loops are computed
+        in the motion in which only this input moves. They are divided by the norm of the
+        rates of this motion.
         """
         rates = self.coordinate_rates
         total: Expr = 0.0
@@ -672,13 +673,15 @@ class DesignExpressions:
         return direction * self._one_or_nan_at_rest(link, other, moving)
 
     def _one_or_nan_at_rest(self, link: int, other: int, moving: int) -> Expr:
-        """Return 1, or NaN in configurations in which two links are at relative rest.
+        """Return a factor for a pole: 1, or NaN where two links are at relative rest.
 
-        The computed relative velocity of resting links is a rounding error, which also has
-        a direction. The product of this direction and the result is NaN. Links rest if
-        their relative velocity is less than `NO_MOTION` times a reference. The reference is
-        the velocity of the link with the larger index, as in runs of an analysis, but at
-        least 1.
+        Links at relative rest have no pole axis. Their computed relative velocity is a
+        rounding error, which still has a direction. The caller multiplies this direction by
+        the factor, so that it becomes NaN.
+
+        Links rest if their relative velocity is less than `NO_MOTION` times a reference
+        velocity. The reference is the velocity of the link with the larger index. It is at
+        least 1, the rate of the moving input. Runs of an analysis use the same limit.
 
         Parameters
         ----------
@@ -848,8 +851,10 @@ class DesignExpressions:
     def _load_state(self) -> LoadState:
         """Return the motion as expressions: everything on which loads can depend."""
         rates = self.coordinate_rates
-        # Angles of passive pairs are computed without whole revolutions, on which loads
-        # such as springs depend. `revolution_symbols` has the revolutions as angles (rad).
+        # `_angles` gives the angles of passive pairs, which no input drives, without whole
+        # revolutions. Loads such as springs also depend on the number of revolutions. It is
+        # a symbol in `revolution_symbols`: the angle (rad) of all whole revolutions of a
+        # pair.
         angles = self._angles()
         revolutions = {
             self._variable(pair): angle * (1.0 / TURN)
@@ -865,26 +870,31 @@ class DesignExpressions:
             w=rates.w,
             variables=angles,
             revolutions=[revolutions.get(v, 0.0) for v in range(len(angles))],
-            # Rates of all variables at the rates of the inputs in the sample, without the
-            # factor `scale`.
+            # Time derivatives of all variables, without the factor `scale`. `_speeds` are
+            # the symbols of the rates of the inputs.
             rates=rates.motion_rates(self._speeds).variable_rates,
-            # The last symbol of a sample.
+            # The symbols of a sample end with the time.
             time=self.sample_symbols[-1],
             # Some loads jump or have a kink where an expression (a condition) is zero. Such
             # loads depend on the sign of the condition.
             sign_of_condition=sign_of,
-            # A torque given by a table is a symbol.
+            # If a table gives a torque, the present torque is a symbol.
             table_torque=self.table_symbols.__getitem__,
         )
 
     def _refuse_reaction_friction(self, moving: int) -> None:
-        """Raise `ModelError` if friction of loads follows from reactions of pairs (joints).
+        """Raise `ModelError` if the friction of a load depends on reactions in pairs.
 
         The expressions of this class become a kernel, a compiled function that evaluates
-        many designs at once. A kernel does not solve for reactions, but runs of the designs
-        do. The message therefore advises to use the option `--reduce`, which makes such
-        runs and reads their tables. The example in the message reads the torque at the
-        input with the index `moving`.
+        many designs at once. A kernel does not compute reactions, so it cannot compute such
+        friction. A run of a design computes both. The message therefore advises to use the
+        option `--reduce`, which runs each design and reads the tables of the run.
+
+        Parameters
+        ----------
+        moving
+            Index of the input whose torque is required. The example in the message reads
+            this torque from a table.
         """
         # What to read, as the option expects it: "analysis.table: expression". The
         # analysis eksergian is the one for a single input.

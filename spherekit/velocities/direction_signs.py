@@ -164,9 +164,10 @@ class SignContinuation:
         A key has three numbers: the number of the mode and the indices of the two
         links.
     first_axis_sums
-        By the number of the assembly mode, the sum (3,) of the axes and contact points of
-        all pairs (joints) at the first sample of the mode. At this sample, the sign of each
-        direction is chosen so that its scalar product with the sum is not negative.
+        By the number of the assembly mode, the sum (3,) of a unit vector for each pair
+        (joint) at the first sample of the mode. The unit vector is the axis of the pair, or
+        leads to its contact point. At this sample, the sign of each direction is chosen so
+        that its scalar product with the sum is not negative.
     """
 
     def __init__(self) -> None:
@@ -181,8 +182,8 @@ class SignContinuation:
             "home": [
                 [mode, axis_sum.tolist()] for mode, axis_sum in self.first_axis_sums.items()
             ],
-            # A list for each key: its three numbers, then a list of eight numbers of the
-            # sample, then the sign.
+            # A list for each key: its three numbers, then a list of eight numbers
+            # (coordinate, sense, v and dv of `LastSample.path`), then the sign.
             "last": [[*key, *sample.numbers()] for key, sample in self.last.items()],
         }
 
@@ -317,11 +318,12 @@ def signs_by_first_axis_sums(
     """Return a function that gives pole directions a sign by the first row of each mode.
 
     The direction of a pole (axis of the relative rotation of two links) is known up to its
-    sign. The rows are no path along which the sign could be continued. Each assembly mode
-    (way to assemble the links) therefore has one constant vector, the sum of all pair axes
-    at its first row. The returned function takes directions. Its signs (1 or -1) are such
-    that the scalar product of a direction, times the sign, with this vector is not
-    negative.
+    sign. This function is for motions whose rows (configurations) are no path along which
+    a sign could be continued, such as a grid of several inputs.
+
+    Each assembly mode (way to assemble the links) has one constant vector: the sum of all
+    pair axes at its first row with a configuration. A direction gets the sign -1 if its
+    angle to this vector is obtuse, and otherwise 1.
 
     Parameters
     ----------
@@ -333,6 +335,7 @@ def signs_by_first_axis_sums(
         The vectors of modes that occurred in earlier blocks of rows, which these modes
         keep. Vectors of new modes are added in place.
     """
+    # A mode without any configuration has no directions, so its vector may stay zero.
     axis_sums = np.zeros((len(motion.assembly_modes), 3))
     for mode_index, is_valid in enumerate(has_configuration):
         if np.any(is_valid):

@@ -47,8 +47,9 @@ class DyadPlacement:
         The orientation of each link.
     triple_squares
         For each dyad the square of the triple product u_1 . (u_2 x u_3) of the axes of its
-        pairs, computed from its arcs. The square is negative if the arcs are too short or
-        too long to close the dyad.
+        pairs. It is computed from the arcs of the two links and the angle between the two
+        outer axes. The square is negative if the arcs are too short or too long to close
+        the dyad. It shows the caller at which inputs there is no configuration.
     """
 
     orientations: list[LinkOrientation]

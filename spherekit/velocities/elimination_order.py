@@ -305,7 +305,8 @@ def _choose_pivot(
     loops
         Indices of the loops that are no pivots yet.
     columns
-        Indices of the variables that are not eliminated yet.
+        Indices of the variables that are not eliminated yet. In the matrix of the equations
+        each variable has a column.
     contains_variable
         (loops, variables) whether the equations of a loop contain a variable. Row k
         belongs to the loop with the index `loops[k]`.
@@ -385,8 +386,9 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
     """Return the Frobenius norms of the inverses that an elimination order yields.
 
     The velocity equations of all loops are solved in a fixed order of pivots. A pivot is a
-    loop with the variables for which it is solved. An inverse that is much larger than
-    necessary shows that the order amplifies rounding errors.
+    loop with the variables for which it is solved. The solution is a left inverse of the
+    equations. If it is much larger than the smallest one (`inverse_sizes`), the order
+    amplifies rounding errors, and the caller does not use it.
 
     Parameters
     ----------
@@ -404,8 +406,9 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
     with np.errstate(all="ignore"):
         inverses = _eliminated_inverses(jacobians, order)
         variables = [variable for _, chosen in order for variable in chosen]
-        # A singular pivot matrix consists of rounding errors and gives huge factors. Huge
-        # factors can cancel by chance, so the size alone does not show the fault.
+        # If the coefficients of a pivot are singular, their computed inverse is huge, and
+        # is determined by rounding errors. Huge factors can cancel by chance, so the size
+        # alone does not show the fault. The inverse times the equations must be 1, too.
         errors = np.abs(inverses @ jacobians[:, :, variables] - np.eye(len(variables)))
         is_inverse = np.max(errors, axis=(1, 2)) <= MAX_LEFT_INVERSE_ERROR
         sizes = np.linalg.norm(inverses, axis=(1, 2))

@@ -359,9 +359,9 @@ class GroupEquations:
     def has_independent_equations(self, vectors: Floats) -> bool:
         """Return whether the chosen equations determine the rates at a configuration.
 
-        If equations are redundant, independent ones were chosen at another configuration.
-        In other assembly modes (ways to assemble the links) the chosen equations can
-        depend on each other.
+        If velocity equations of the group repeat each other, independent ones were chosen
+        at another configuration. In other assembly modes (ways to assemble the links) the
+        chosen equations can depend on each other.
 
         Parameters
         ----------
@@ -370,10 +370,10 @@ class GroupEquations:
             velocities of the links of their pairs per unit rate.
         """
         if self.chosen_equations is None:
-            return True
+            return True  # no equations repeat each other, so all are used
         row_by_equation = self._equation_rows(vectors)
-        # An equation without a row has only zero coefficients here, so it determines
-        # nothing.
+        # `_equation_rows` leaves out equations whose coefficients are all zero at this
+        # configuration. Such an equation determines nothing.
         if any(equation not in row_by_equation for equation in self.chosen_equations):
             return False
         rows = np.array([row_by_equation[equation] for equation in self.chosen_equations])
@@ -386,11 +386,14 @@ class GroupEquations:
         """Return the rates of the variables of a group of links, times a determinant.
 
         The equation of each loop is sum of a_v x_v + c = 0. a_v are the vectors and x_v the
-        rates of its unknown variables, and c is a known vector. Components of these vector
-        equations form a square system for the unknown rates. Cramer's rule gives D x_v with
-        the determinant D, without a division by D, so the result is finite where D is zero.
-        (In groups other than dyads, the rates of two private variables are not finite if
-        their axes coincide.)
+        rates of its unknown variables, and c is a known vector.
+
+        If two variables of a loop occur in no other loop (private variables), they are
+        eliminated from its equation. The remaining scalar equations form a square system
+        for the rates of the other variables. Cramer's rule gives D x_v with the determinant
+        D. Nothing is divided by D, so the result is finite where D is zero. There is one
+        exception: in groups other than dyads, the rates of two private variables are not
+        finite if their axes coincide.
 
         Parameters
         ----------
@@ -423,9 +426,9 @@ class GroupEquations:
             # in the column of the unknown, expanded along this column.
             column = [row[k] for row in matrix_cofactors]
             rates[variable] = -1.0 * dot(known_terms, column)
-        # The private variables of each loop are not among the `unknowns`. Their rates times
-        # the determinant follow from the other rates. For a dyad (two links joined by a
-        # pair) there are formulas with smaller rounding errors.
+        # The private variables were eliminated, so they are not among the `unknowns`. Their
+        # rates times the determinant follow from the other rates. For a dyad (two links
+        # joined by a pair) there are formulas with smaller rounding errors.
         is_dyad = len(loops) == 1 and len(self.unknowns) == 1
         for loop in loops:
             if not loop.private:
@@ -444,8 +447,9 @@ class GroupEquations:
         The loops are those of a group of links that are placed together. The angular
         velocities of the pairs (joints) around a loop add up to zero. The variables v of
         pairs of this group have unknown rates x_v with the vectors a_v. The vector c is
-        known. With each equation its private variables are returned, which occur in no
-        other loop.
+        known. The caller takes scalar components of these equations, and solves them for
+        the rates. If two variables occur in no other loop (private variables), they can be
+        eliminated first. So each equation states its private variables.
 
         Parameters
         ----------
@@ -517,16 +521,17 @@ class GroupEquations:
 def _is_rounding_error(coefficients: Floats, direction: Floats) -> bool:
     """Return whether all coefficients of a scalar velocity equation are rounding errors.
 
-    Such an equation determines nothing. The coefficients are judged relative to the length
-    of the direction.
+    An equation with such coefficients determines nothing, so the caller leaves it out. The
+    coefficients are judged relative to the length of the direction.
 
     The direction itself can be a rounding error: the cross product of two parallel axes.
-    Directions shorter than `MIN_DIRECTION_SIZE` therefore count as this long.
+    The length of a shorter direction is therefore replaced by `MIN_DIRECTION_SIZE`.
 
     Parameters
     ----------
     coefficients
-        (variables,) components, along the direction, of the vectors of the variables.
+        (variables,) factors of the rates. Each is the scalar product of the direction and
+        the vector of a variable, the angular velocity of its pair at unit rate.
     direction
         (3,) direction of this component of the loop's vector equation, of any length.
     """

@@ -89,6 +89,9 @@ class ColumnList:
 class RelativeMotion:
     """The motion of a link relative to another one, as expressions with error bounds.
 
+    From these, the pole (axis of the relative rotation) and the error of its direction are
+    computed.
+
     Attributes
     ----------
     v
@@ -96,9 +99,11 @@ class RelativeMotion:
     dv
         (3,) derivative of v with respect to the input.
     v_error, dv_error
-        Bounds of the errors of the components of v and dv along any axis.
+        Bounds of the errors of v and dv. The component along any axis has at most this
+        error.
     dv_bound
-        Bound of the length of dv.
+        Bound of the length of dv. Components of dv along an axis have an error from the
+        direction of the axis, at most `dv_bound` times the angle of this error.
     """
 
     v: Exprs
@@ -318,38 +323,44 @@ class InputColumns:
     ) -> tuple[list[Expr], list[Expr]]:
         """Return error bounds of the solution of the velocity or acceleration equations.
 
-        In the equation of each loop, the terms of all variables add up to zero. A term is
-        the vector of a variable times its rate. Errors of terms change the solution. The
-        angular velocity of a link is the sum of the terms on the path from the ground to
-        the link. The same applies to derivatives.
+        The bounds decide whether a row is accurate enough to be certified. The velocity
+        equation of a loop says that the terms of all variables add up to zero. A term is
+        the vector of a variable times its rate. The angular velocity of a link is the sum
+        of the terms on the path from the ground to the link.
+
+        The acceleration equation is the derivative of the velocity equation. Its terms are
+        the derivatives of the terms. Their sum along a path is the derivative of the
+        angular velocity.
 
         Parameters
         ----------
         term_errors
-            By variable, the error of its term.
+            Error bounds of the terms, one for each variable.
         residual
             Norm of the residual of the equations of all loops.
 
         Returns
         -------
         link_errors
-            Error bound of the vector of each link, the angular velocity or its derivative.
+            Error bound for each link: of its angular velocity or the derivative of this.
         variable_errors
-            Error bound of the solution for each variable, the rate or its derivative.
+            Error bound for each variable: of its rate or the derivative of the rate.
         """
         rows = self._rows
         # A bound of the error in the equations of all loops. `loop_counts` is the number of
         # loops that contain a variable.
         equation_error = residual + dot(rows.loop_counts, term_errors)
-        # An error of 1 in the equations changes the vector of a link by at most
-        # `link_turns`. In addition, the terms on the path to the link have errors.
+        # An error of 1 in the equations changes the rates. The angular velocity of a link
+        # changes with them by at most `link_turns`. In addition, the terms on the path to
+        # the link have errors. The same holds for the derivatives.
         link_errors = [
             turn * equation_error + path_error
             for turn, path_error in zip(
                 rows.link_turns, rows.sum_along_paths(term_errors), strict=True
             )
         ]
-        # An error of 1 in the equations changes the solution by at most `variable_shifts`.
+        # An error of 1 in the equations changes the rate of a variable, or its derivative,
+        # by at most `variable_shifts`.
         variable_errors = [shift * equation_error for shift in rows.variable_shifts]
         return link_errors, variable_errors
 
@@ -437,8 +448,8 @@ class InputColumns:
         """Add the columns that change their sign with the direction of a pole.
 
         A pole is the axis of the relative rotation of two links. The sign of its direction
-        is chosen after the columns were evaluated. So that all signs can be applied at
-        once, the columns are in one range: the first component of all poles, then the
+        is chosen after the columns were evaluated. The columns have successive indices, so
+        that all signs can be applied at once: the first component of all poles, then the
         second of all poles, and so on. No other quantity shares these columns, as it would
         change with the sign.
 

@@ -61,19 +61,21 @@ class MovingLink:
         return np.asarray(dot(self.momenta, scaled_speeds))
 
     def acceleration_moment(self, i: int, acceleration: Exprs) -> Expr:
-        """Return D times the moment at input i of an angular acceleration b of the link.
+        """Return D times the moment at input i that an angular acceleration b requires.
 
-        The result is y_i . I b. The tensor I is symmetric, so this is also I y_i . b, with
-        the `momenta` I y_i. `acceleration` are the components (3,) of b along the basis of
-        the link.
+        The link needs the moment I b. Because of equal power, this takes the moment
+        w_ji . I b at input i. Times D it is y_i . I b. The tensor I is symmetric, so this
+        is also I y_i . b, with the `momenta` I y_i. `acceleration` are the components (3,)
+        of b along the basis of the link.
         """
         return dot(self.momenta[i], acceleration)
 
     def gyroscopic_product(self, i: int, k: int, momentum: Exprs) -> Expr:
         """Return h . (y_i x y_k), with the angular momentum h (3,) of the link.
 
-        y_i and y_k are `velocities`, each with the factor D. The product is part of the
-        gyroscopic moment at input i. It changes its sign if i and k are exchanged.
+        y_i and y_k are the `velocities` of inputs i and k, each with the factor D. The sum
+        of s_k times this product over the inputs k is D times the gyroscopic moment of the
+        link at input i. The product changes its sign if i and k are exchanged.
         """
         return dot(cross(self.velocities[i], self.velocities[k]), momentum)
 
@@ -228,8 +230,9 @@ class InputMoments:
         speeds, accelerations
             Rates and accelerations of all inputs.
         """
-        # The matrix is available as D^2 M_ik and the second part as D h_i, with the
-        # determinant D of the velocity equations. So
+        # The velocities at unit rate of one input are stored with the factor D, the
+        # determinant of the velocity equations. M_ik contains two of these velocities, and
+        # h_i one. So the known numbers are D^2 M_ik and D h_i, and the moment is
         # moment_i = (sum over k of (D^2 M_ik) (q''_k / D) + D h_i) / D.
         velocity_moment_times_d = self._velocity_moments_at(speeds)[input_index]
         inverse_determinant = 1.0 / self._coordinate_rates.scale  # 1 / D
@@ -237,7 +240,7 @@ class InputMoments:
         matrix_row_times_d2 = self.matrix[input_index]
         acceleration_moment_times_d = dot(matrix_row_times_d2, accelerations_by_d)
         moment_times_d = acceleration_moment_times_d + velocity_moment_times_d
-        # Matrix and moments were divided by the unit of inertia, `unit` (kg m2).
+        # `matrix` and the moments h are divided by the unit of inertia, `unit` (kg m2).
         return moment_times_d * inverse_determinant * self.unit
 
     def _velocity_moments_at(self, speeds: Sequence[Expr]) -> list[Expr]:

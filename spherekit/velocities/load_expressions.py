@@ -80,9 +80,9 @@ class LoadState:
 
         Returns
         -------
-        The full value, and the value without whole revolutions. The two differ only for
-        angles. Sines are computed from the second value, which is more accurate after many
-        revolutions.
+        The full value, and the value without whole revolutions. A time or a rate has no
+        revolutions, so both values are the same. Sines are computed from the second value,
+        which is more accurate after many revolutions.
         """
         kind, _, pair = name.partition("_")
         if kind == "t":

@@ -63,13 +63,18 @@ def evaluate(
         Signs at the end of the previous block of the same motion, which are continued.
         Updated in place. By default the signs of this motion start anew.
     route
-        How the poles are computed. "best" and "equations" solve the velocity equations of
-        the whole mechanism, with more digits where float64 is doubtful. They return the
-        same numbers. On the route "equations", `PoleField.is_quad_precision` is set in all
-        rows. "first" and "conditioned" follow a plan in which each pole is the intersection
-        of two great circles. "first" uses the first two circles of the plan. "conditioned"
-        uses the circle with the smallest error bound, and the one for which the
-        intersection then has the smallest error bound.
+        How the poles are computed:
+
+        - "best": from the velocity equations of the whole mechanism, with more digits where
+          float64 is doubtful.
+        - "equations": the same numbers as "best". In addition,
+          `PoleField.is_quad_precision` is set in all rows, so that the report of a run
+          counts all rows as computed from the equations.
+        - "first": by a plan, in which each pole is the intersection of two great circles.
+          If the plan has more than two circles for a pole, the first two are used.
+        - "conditioned": by the plan, with the two best circles. The first is the circle
+          with the smallest error bound. The second is the circle whose intersection with
+          the first has the smallest error bound.
     engine
         "numpy", "compiled" (by heyoka), or "extended": quad precision for all rows.
 
@@ -89,8 +94,8 @@ def evaluate(
         apply_continuous_signs(
             field, motion, request, sign_continuation or SignContinuation()
         )
-    # The report of a run takes this flag for "computed by the velocity equations". On this
-    # route the flag is therefore set in all rows, in whatever precision.
+    # The report of a run counts the rows with this flag as computed by the velocity
+    # equations. On this route all rows count, whether or not quad precision was needed.
     if route == "equations":
         field.is_quad_precision[:] = True
     return field
@@ -383,8 +388,8 @@ def make_certified_field(
         pole_status=dict.fromkeys(computed_poles, motion.status),
         is_quad_precision=np.zeros(n, dtype=bool),
         is_certified=np.ones(n, dtype=bool),
-        # Certified rows are accurate without the decimal sizes of the file, which other
-        # rows near a dead centre need.
+        # Uncertified rows near a dead centre need the sizes as the decimal numbers of the
+        # mechanism file. Certified rows are accurate with the sizes in float64.
         is_decimal=np.zeros(n, dtype=bool),
         # The bound is not computed for certified rows, whose errors are below fixed limits.
         relative_error_bound=np.zeros(n),
@@ -395,8 +400,8 @@ def make_certified_field(
             values = columns[indices]
             # Vectors become (n, 3), single numbers (n,).
             values_by_key[pole_or_link] = values.T if len(indices) > 1 else values[0]
-    # While one input moves, the others are locked, and can join two links into one body. A
-    # requested pole of two such links has no columns.
+    # While one input moves, the other inputs are locked. Two links can then be one body. If
+    # the pole of two such links is requested, it has no columns.
     for pole in set(request.poles) - computed_poles:
         add_locked_pole(field, pole)
     return field

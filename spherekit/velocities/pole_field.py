@@ -176,7 +176,8 @@ class PoleField(ArrayRows):
         (n,) derivative of the velocity coefficient (1/rad).
     conditioning
         (n,) for each pole |w_j - w_i| / (|w_i| + |w_j|). If this number is small, digits
-        cancel in the pole. It is 1 for the axis of a pair.
+        cancel in the difference, which gives the direction of the pole. If the pole is the
+        axis of a pair, no difference is computed, and the number is set to 1.
     direction_error
         (n,) bound of the error of the direction (rad).
     velocity_coefficient_error, acceleration_coefficient_error

@@ -37,8 +37,9 @@ class Request:
     poles
         The poles to compute, as pairs of link indices.
     bodies
-        Bodies whose angular velocities follow from the plan on the routes "first" and
-        "conditioned". The ground and the two bodies of the input are among them.
+        Bodies whose angular velocities are needed. The ground and the two bodies of the
+        input are among them. On the routes "first" and "conditioned" (ways to compute
+        poles, see `ROUTES`), these velocities follow from the plan.
     derivatives
         Whether derivatives with respect to the moving input are requested, too.
     planes

@@ -419,9 +419,10 @@ class NullMotion:
         (n, variables) rates that satisfy the velocity equations, with norm 1. The sign and
         the scale of the motion are arbitrary.
     inverse
-        (n, variables, equations + 1) left inverse of the matrix with the velocity equations
-        J in its first rows and `rates` as its last row. The derivative of the rates r along
-        the motion is r' = inverse (-J' r, 0).
+        (n, variables, equations + 1) left inverse of a matrix. The first rows of the matrix
+        are the velocity equations J, and its last row is `rates`. From it follow the
+        derivatives r' of the rates r along the motion: r' = inverse (-J' r, 0), where J'
+        is the derivative of J along the motion.
     """
 
     rates: Floats

@@ -76,9 +76,10 @@ def place_link(
     rotations by the k variables of the pair. The orientation of the new link is the
     orientation of the placed link times this chain.
 
-    An orientation is `basis @ basis_from_link`: expressions of the variables, times a
-    constant rotation, here C_k. With two factors, C_k can be multiplied with the first
-    constant of the next pair as numbers.
+    An orientation is stored as two factors, `basis @ basis_from_link`. The first one has
+    expressions of the variables. The second one is a constant rotation, here C_k. If
+    another pair follows, C_k is multiplied by the first constant of this pair. This product
+    has numbers only.
 
     Parameters
     ----------
@@ -94,12 +95,13 @@ def place_link(
     basis_from_link = start.basis_from_link
     # There is one more constant than rotations. The loop omits the last constant C_k.
     for constant, rotation in zip(chain.constants, chain.rotations, strict=False):
-        # The function `constants` replaces entries that are 0, 1 or -1 up to rounding by
-        # exact values, so that products with these entries are left out.
+        # The function named `constants` replaces entries that are 0, 1 or -1 up to rounding
+        # by exact values, so that products with these entries are left out.
         basis = basis @ constants(basis_from_link @ constant)
         # The basis now contains the constant factor of the placed link.
         basis_from_link = np.eye(3)
-        # A contact with a profile of any shape has a rotation matrix of symbols.
+        # If a contact has a profile of any shape, the rotation is a matrix of symbols and
+        # not a rotation about z by a variable.
         if not isinstance(rotation, AxisRotation):
             basis = basis @ rotation
             continue
@@ -178,6 +180,7 @@ def sum_along_paths(tree: LoopTree, pair_vectors: Sequence[Exprs]) -> list[Exprs
     runs from the second link of its pair to the first.
     """
     sums = [vector([0.0, 0.0, 0.0])] * tree.count
+    # In `placements`, the sum of a parent is complete before that of its children.
     for pair, parent, child in tree.placements:
         is_forward = tree.ends[pair][0] == parent
         pair_vector = pair_vectors[pair]

@@ -154,8 +154,8 @@ def _close_loops(kernel: RowKernel, values: Floats) -> tuple[Array, Bools]:
     x = start.copy()
     for _ in range(MAX_NEWTON_STEPS):
         # A profile (contact curve of a link) that is not a circle is a float64 series. The
-        # series is evaluated at `values` and extrapolated linearly to the present
-        # variables. The loops are closed with these extrapolated profiles.
+        # series and its derivative are evaluated at `values`. A linear function replaces
+        # the series from there to the iterate x. The loops are closed with these profiles.
         extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
         # The variables that are not inputs (passive), after a step.
         passive_values = kernel.newton_step.function(extended)
@@ -174,8 +174,8 @@ def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> 
 
     Output columns are the computed quantities, such as angular velocities of links. Because
     arcs and angles of links are rounded, computed loops are open by tiny angles. Such an
-    angle times the sum bounds the error of a column. A loop can open about three axes, so
-    there are three directions for each loop.
+    angle times the sum bounds the error of a column. A loop opens by a small rotation,
+    which has three components. So there are three directions for each loop.
 
     The derivatives are computed with complex steps: f'(x) = Im f(x + ih) / h (Squire and
     Trapp 1998).

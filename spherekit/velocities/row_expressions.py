@@ -88,6 +88,9 @@ class RowExpressions(VelocityEquations):
     ) -> None:
         """Write loop equations, their left inverse and error bounds as expressions.
 
+        The left inverse gives the movements of the variables that close slightly open
+        loops.
+
         The velocity equation of a loop says that the sum of the variables' vectors times
         their rates is 0. The vector of a variable is the relative angular velocity of the
         links of its pair (joint) per unit rate. For an R pair (revolute joint) the vector
@@ -109,13 +112,15 @@ class RowExpressions(VelocityEquations):
         inputs
             Indices of the driven pairs.
         """
-        # Tangent, point and curvature of a profile that is no circle are symbols.
+        # For a profile that is no circle, tangent, point and curvature at the contact are
+        # symbols. Their values are computed elsewhere for each configuration.
         pairs = pair_rotations(mechanism, any_profile=True)
         # The orientation of each link.
         placed = place_by_variables(mechanism, pairs, variables)
         # The base class sets `vectors` (of the variables), `tree` (the loops) and
-        # `closure_residual_square`. Vectors about the centres of two rolling circles would
-        # lose digits for small circles.
+        # `closure_residual_square`. With `about_centres`, the vector of two circles that
+        # roll on each other would be a sum of two vectors along the axes of the circles.
+        # This sum loses digits for small circles, and its error bounds are not computed.
         super().__init__(mechanism, pairs, placed, variables, about_centres=False)
         input_variables = [self.pair_variables[pair][0] for pair in inputs]
         self.passive_variables = [
@@ -206,13 +211,18 @@ class RowExpressions(VelocityEquations):
         """Return bounds of the errors of a variable's vector and of its slide.
 
         The vector is the angular velocity of a pair (joint) per unit rate of the variable.
-        The vector turns with a link. At a contact, the vector also changes relative to this
-        link. The slide is this change per unit of the variable.
+        It is carried by a link, and turns with this link. At a contact, it also changes
+        relative to the link when the variable changes. The slide is the derivative of this
+        change with respect to the variable.
 
-        The loops of a computed configuration are open by up to `opening_rad`. Compared with
-        the closed configuration, the link is therefore turned, and the variable differs:
-        these are errors of position. In addition, rounding of arcs and angles of links
-        tilts the vector by up to `tilt_rad`.
+        The loops of a computed configuration are open by up to `opening_rad`. This has two
+        effects, compared with the closed configuration:
+
+        - The link has another orientation. Rounding of the arcs and angles of links adds a
+          tilt of up to `tilt_rad`. A rotation by a small angle changes a vector by up to
+          its length times the angle.
+        - The variable has another value. Its error changes the vector by up to the length
+          of the slide times the error.
 
         Parameters
         ----------
@@ -223,7 +233,8 @@ class RowExpressions(VelocityEquations):
             Bound of the movement of the variable, divided by the opening of the loops (rad
             per rad).
         """
-        # `link_turns` are the rotations of the links per unit opening of all loops.
+        # Bounds of the rotation of the link and of the error of the variable. `link_turns`
+        # are the rotations of the links per unit opening of all loops.
         turn = self.link_turns[carried.link] * self.opening_rad + self.tilt_rad
         shift = variable_shift * self.opening_rad
         vector_error = carried.length * turn + carried.slide_length * shift
@@ -263,25 +274,25 @@ class RowExpressions(VelocityEquations):
         return [self.variables[v] + step[v] for v in self.passive_variables]
 
     def solve_loops(self, offsets: Mapping[int, Exprs]) -> list[Expr]:
-        """Return the rates of all variables that balance offsets, inputs at rest.
+        """Return the rates of all variables that solve the loop equations, inputs at rest.
 
-        Around each loop, the sum of a_v x_v equals the sum of the offsets e of the pairs
-        (joints). a_v are the vectors and x_v the rates of the variables v that are not
-        inputs. Both sums have the sign with which the loop passes a pair. The method has
-        three uses:
+        The equation of each loop is: the sum of a_v x_v equals the sum of e. The unknowns
+        x_v are the rates of the variables v that are not inputs, and a_v are their vectors.
+        The offsets e are given vectors of some pairs (joints). Each term has the sign of
+        the sense in which the loop passes its pair. The method has three uses:
 
-        - Velocities: an input moves with the angular velocity w. On the right-hand side
-          this is the offset e = -w of its pair.
-        - Accelerations: the pairs have accelerations b that depend on velocities. With
-          e = -b, the results are the accelerations of the variables.
-        - Closing loops: the frame of a pair, computed along both sides of an open loop,
-          differs by a small rotation. With this rotation as offset of the pair, the results
-          are a step of Newton's method.
+        - Velocities: an input has the angular velocity w. The offset of its pair is -w.
+        - Accelerations: a pair has the part b of its angular acceleration that depends only
+          on velocities. The offset of the pair is -b. The results are the accelerations of
+          the variables.
+        - Closing loops: the frame of a pair is computed along both sides of an open loop,
+          and the results differ by a small rotation. The offset of the pair is this
+          rotation. The results are a step of Newton's method.
 
         Parameters
         ----------
         offsets
-            Offset (3,) of each pair, by the index of the pair. Other pairs have no
+            (3,) by the index of the pair, the offset e in ground axes. Other pairs have no
             offset.
         """
         loop_offsets: list[Exprs] = []

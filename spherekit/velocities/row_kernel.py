@@ -326,12 +326,16 @@ class RowKernel:
     def _scalar_function(self) -> FloatFunction:
         """Function that takes and returns plain numbers, for a single configuration.
 
-        If there are formulas for all variables (a closed form), the arguments are the
-        inputs and one sign for each dyad (two links and three R pairs), which chooses one
-        of its two solutions. Otherwise the arguments are all variables. The first outputs
-        are the variables: by the formulas, or after a step of Newton's method from the
-        arguments. All other outputs of `SingleRowOutputs` belong to the variables by the
-        formulas, or to the arguments themselves.
+        `evaluate_row` calls it. The outputs are those of `SingleRowOutputs`, in order: the
+        variables, then all other outputs. There are two cases:
+
+        - There are formulas for all variables (a closed form). The arguments are the
+          inputs, and one sign for each dyad (two links and three R pairs), which chooses
+          one of its two solutions. The formulas give the variables, and all other outputs
+          are computed from these.
+        - There are no such formulas. The arguments are all variables. The first outputs are
+          the variables after a step of Newton's method. All other outputs are computed from
+          the arguments, the variables before the step.
         """
         other_outputs = self._single_row_expressions().flat_list()
         if self._closed_form is None:
@@ -489,12 +493,13 @@ class RowKernel:
 
         There are formulas for all variables (closed form). A dyad (two links joined by a
         pair) can be closed in two ways, and a sign chooses one of them. The quality
-        measures (`_quality_expressions`), such as error bounds, decide whether the results
-        of a row (configuration) are accurate.
+        measures (`_quality_expressions`), such as error bounds, tell the caller whether the
+        results of a row (one configuration) are accurate. The caller solves other rows
+        again.
 
-        The function also returns the square of the triple product of the axes of each dyad
-        (``"squares"``), computed from its arcs. The square is negative if the dyad cannot
-        be closed.
+        The function also returns the square of the triple product of the three axes of each
+        dyad (``"squares"``). It follows from the arcs between the axes, and is negative if
+        the dyad cannot be closed.
         """
         assert self._closed_form is not None
         closed_form = self._closed_form

@@ -46,7 +46,8 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
 
     A row is one configuration of one design of a mechanism. The quantities are:
 
-    - ``q``, ``dq``, ``ddq``, ``t``: the sample.
+    - ``q``, ``dq``, ``ddq``, ``t``: the sample, that is the angle, the rate and the
+      acceleration of the input, and the time.
     - ``theta_PAIR``, ``rate_PAIR``, ``axis_PAIR_x``: for R pairs the angle, its derivative
       with respect to q, and the axis in ground axes.
     - ``transmission_angle_PAIR``: for the middle pair of a dyad (two links in series).
@@ -56,14 +57,15 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     - ``velocity_coefficient_LINK_OTHER``, ``acceleration_coefficient_LINK_OTHER``: the
       relative angular velocity of two links along its axis, per unit rate of q, and its
       derivative with respect to q.
-    - ``pole_LINK_OTHER_x``: the unit vector of this axis. NaN if the links rest relative to
-      each other, except that the axis of an R pair of both is also known at rest. NaN if
-      locked inputs hold the links together.
+    - ``pole_LINK_OTHER_x``: the unit vector of this axis. NaN if locked inputs hold the
+      links together. NaN also in rows in which the links rest relative to each other. If an
+      R pair joins the links, its axis is known at rest, too, and is not NaN.
     - ``direction_OUTPUT_x``: for outputs that are directions, in the axes of the reference
       link of the output.
     - ``condition_number_OUTPUT``: with several inputs, the condition number of the
-      Jacobian of the output's rotation with respect to the inputs. With two inputs, an
-      output that is a direction has the Jacobian of this direction.
+      Jacobian of the output. Its columns are the angular velocities of the output per unit
+      rate of each input. If the output is a direction and there are two inputs, the columns
+      are the rates of this direction.
     - ``jacobian_determinant_OUTPUT``: the determinant of this Jacobian. It exists if there
       are three inputs, or two inputs and an output that is a direction.
     - ``determinant`` of the velocity equations: 0 if the inputs do not determine the rates
@@ -337,9 +339,10 @@ def _add_dynamic_quantities(
     """Add the quantities that depend on masses to a table.
 
     The quantities are the inertia matrix, driving torques, accelerations of inputs without
-    torques, derivatives of accelerations, and the kinetic energy. Each call of `add` states
-    a name, its unit, a method of `DesignExpressions` and the arguments of this method. A
-    name ends in the pair of its input. A matrix has two endings: the row, then the column.
+    torques (``free_acceleration``), derivatives of accelerations, and the kinetic energy.
+    Each call of `add` states a name, its unit, a method of `DesignExpressions` and the
+    arguments of this method. A name ends in the pair of its input. A matrix has two
+    endings: the row, then the column.
 
     Parameters
     ----------

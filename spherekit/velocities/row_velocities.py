@@ -319,17 +319,18 @@ class RowVelocities:
     def _find_reordered_rows(
         self, condition_numbers: Floats
     ) -> list[tuple[EliminationOrder, Indices]]:
-        """Return elimination orders for rows at which the usual order is not regular.
+        """Return elimination orders for rows in which the usual order loses many digits.
 
         An elimination order says which variables are eliminated from which loop of the
-        velocity equations. At some rows (configurations) a step divides by nearly zero,
-        although the equations are regular. Another order is used there.
+        velocity equations. The kernel uses one order for all rows (configurations), the
+        usual order. In some rows a step of this order divides by nearly zero, although the
+        equations are regular. Another order is used there.
 
         Parameters
         ----------
         condition_numbers
-            (n,) the norm of the Jacobian times the norm of its inverse by the usual order.
-            NaN if a divisor is zero.
+            (n,) for each row the norm of the Jacobian times the norm of the inverse that
+            the usual order gives. NaN if a divisor is zero.
 
         Returns
         -------
@@ -497,17 +498,19 @@ class RowVelocities:
         )
 
     def _spread(self, quad_rows: QuadPrecisionRows, name: str, key: Any) -> Floats:
-        """Return how much a quantity changes if loops open, in k configurations (k,).
+        """Return how much a quantity changes, per rad by which loops open (k,).
 
-        Because arcs and angles of links are rounded, loops are open by tiny rotations. Such
-        a rotation times the result is an error bound of the quantity. The result is the sum
-        of the absolute changes of all components per rad, for all loops and for the three
-        axes about which each can open.
+        Because arcs and angles of links are rounded, loops are open by tiny rotations. The
+        angle of a rotation (rad) times the result is an error bound of the quantity.
+
+        Each loop can open about three axes. Each of these openings changes the components
+        of the quantity. The result is the sum of all absolute changes: of all components,
+        for all loops and all three axes.
 
         Parameters
         ----------
         quad_rows
-            The results of k rows.
+            The results of k rows (configurations).
         name
             Name of the quantity.
         key
@@ -727,6 +730,9 @@ def _is_direction_accurate(errors: Mapping[str, Floats], v_size: Floats) -> Bool
 
         du = (dv - (dv . u) u) / |v|.
 
+    Rows in which u and du are not accurate are computed again in quad precision, unless the
+    two links certainly have no relative motion.
+
     Parameters
     ----------
     errors
@@ -734,10 +740,12 @@ def _is_direction_accurate(errors: Mapping[str, Floats], v_size: Floats) -> Bool
     v_size
         (n,) length of v.
     """
-    # Three parts of the error of du are divided by |v|: error(dv), error(u) |dv| by both u
-    # together, and error(u) |dv| by the divisor |v|, because error(v) / |v| is error(u).
-    # Their sum is error(dv) + 2 error(u) |dv|. The acceleration coefficient dv . u has the
-    # error error(dv) + error(u) |dv|. Twice this error is not smaller than the sum.
+    # The error of du is at most the sum of three terms, divided by |v|:
+    # - error(dv), the error of dv itself,
+    # - error(u) |dv|, because u has an error in (dv . u) u,
+    # - error(u) |dv|, because the divisor |v| has the relative error error(u).
+    # The known error of the acceleration coefficient dv . u is error(dv) + error(u) |dv|.
+    # Twice this error is at least as large as the sum, so it is used in place of the sum.
     direction_dq_error = 2.0 * errors["acceleration_coefficient_error"] / v_size
     # The errors of u and du are added as fractions of their limits. If the sum is at most
     # 1, each error is within its limit. If v is zero, the sum is infinite or NaN.

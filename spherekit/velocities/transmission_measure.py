@@ -136,18 +136,22 @@ class Transmission:
         """Return the transmission (n,), from 0 at a singularity of type II to 1.
 
         At a singularity of type II the output can move although the inputs are locked. The
-        measure assumes that pairs have play. With play, the passive pairs can move at any
-        rates x although the inputs are locked. The relative velocities of the pairs need
-        not add up to 0 around a loop. The sums are J x, with the loop equations J, and the
-        play takes the sums up. The output moves by A x. The transmission is large if small
-        sums J x move the output only a little:
+        measure assumes that the pairs (joints) have play. Passive pairs are those that no
+        input locks. With play, they can move at any rates x, and the output then moves by
+        A x. Without play, the relative velocities of the pairs add up to 0 around each
+        loop. Here their sums are the opening rates J x, with the loop equations J. The play
+        takes them up. So play moves the output by up to |A J^+| times its size.
 
-            transmission = 1 / sqrt(1 + |A J^+|^2 / rho).
+        Play whose sum around every loop is 0 opens no loop. It moves the output by up to
+        sqrt(rho) times its size, even if all pairs are locked. The transmission is the
+        largest motion of the output if all pairs are locked, divided by the largest motion
+        if only the inputs are locked, by play of the same size:
 
-        Play whose sum around every loop is 0 does not appear in J x, but also moves the
-        output, even if all pairs are locked. The number rho counts this motion. It is the
-        resistance between the output link and its reference link if all pairs were electric
-        resistances 1: the sum of the squares of the `_path_currents`. The transmission is
+            transmission = sqrt(rho / (rho + |A J^+|^2)) = 1 / sqrt(1 + |A J^+|^2 / rho).
+
+        The number rho belongs to an electric network with links as nodes and pairs as
+        resistances of 1. It is the resistance between the output link and its reference
+        link, which is the sum of the squares of the `_path_currents`. The transmission is
         NaN in rows in which an argument is not finite.
 
         Parameters
@@ -167,7 +171,7 @@ class Transmission:
         passive_pairs = [
             self.tree.pair_of_variable[v] for v in passive_variables(self.tree, self.driven)
         ]
-        path = self._path_currents
+        currents = self._path_currents
         for start in range(0, len(all_rows), TRANSMISSION_BATCH_ROWS):
             rows = all_rows[start : start + TRANSMISSION_BATCH_ROWS]
             equations = passive_equations(self.tree, self.driven, vectors[rows])
@@ -175,22 +179,23 @@ class Transmission:
             missing = max(0, len(passive_pairs) - equations.matrix.shape[1])
             loops = np.pad(equations.matrix, ((0, 0), (0, missing), (0, 0)))
             # A: the motion of the output per unit rate of each passive variable.
-            output_motion = path[passive_pairs] * equations.unit_vectors
+            output_motion = currents[passive_pairs] * equations.unit_vectors
             # A rotation about the direction of the output does not count.
             if directions is not None:
                 axes = directions[rows][:, :, None]
                 output_motion -= axes * np.sum(axes * output_motion, axis=1, keepdims=True)
-            # A J^+. If J is nearly singular, the inverse follows from rounding errors, so
-            # such rows are computed by singular values.
+            # A J^+ is the motion of the output per unit opening rate of the loops. If J is
+            # nearly singular, its inverse is determined by rounding errors. Rows with such
+            # a J are computed by singular values instead.
             inverse = left_inverse(loops)
-            motion_per_misfit = output_motion @ inverse
+            motion_per_opening = output_motion @ inverse
             # The condition is negated, so that NaN counts as too large.
             is_weak = ~(max_abs(inverse, (1, 2)) < MAX_INVERSE_ENTRY)
-            motion_per_misfit[is_weak] = _output_motion_per_opening(
+            motion_per_opening[is_weak] = _output_motion_per_opening(
                 output_motion[is_weak], loops[is_weak]
             )
-            size = np.linalg.norm(motion_per_misfit, 2, axis=(1, 2))
-            transmission[rows] = 1.0 / np.sqrt(1.0 + size**2 / (path @ path))
+            size = np.linalg.norm(motion_per_opening, 2, axis=(1, 2))
+            transmission[rows] = 1.0 / np.sqrt(1.0 + size**2 / (currents @ currents))
         return transmission
 
     @cached_property
@@ -212,28 +217,30 @@ def passive_variables(tree: LoopTree, driven: Sequence[int]) -> list[int]:
 
 @dataclass(frozen=True)
 class PassiveEquations:
-    """The loop equations J x = 0 of the passive pairs, in units that suit a measure.
+    """The loop equations J x = 0 of the passive pairs, scaled for measures of singularity.
 
-    Passive pairs (joints) are those that no input locks. A pair allows relative angular
-    velocities along a line, or in a plane if it has two variables. One unit vector spans
-    the line, and two unit vectors at right angles span the plane. x are the rates along
-    all unit vectors.
+    Passive pairs (joints) are those that no input locks. The singular values of J show how
+    firmly the locked inputs hold the links: at 0, some links can move. The equations are
+    scaled such that the singular values are between 0 and 1. They do not depend on the
+    units of the variables or on the choice of the loops.
+
+    The unknowns x are scaled as follows. A pair allows relative angular velocities along a
+    line, or in a plane if it has two variables. One unit vector spans the line, and two
+    unit vectors at right angles span the plane. x are the rates along all unit vectors.
 
     The equation of a loop says that the angular velocities of its pairs add up to zero. In
-    this sum, a pair has the coefficient 1 or -1 if the loop passes it, otherwise 0. The
-    equations of all loops are replaced by as many linear combinations. The rows of their
-    coefficients have length 1 and are at right angles to each other. The singular values of
-    J are between 0 and 1, and do not depend on the units of the variables or on the choice
-    of the loops.
+    this sum, a pair has the coefficient 1 or -1 if the loop passes it, otherwise 0. So each
+    loop has a row of coefficients of all pairs. These rows are replaced by linear
+    combinations of them that are orthonormal, and each new row gives an equation.
 
     Attributes
     ----------
     unit_vectors
         (n, 3, passive) the unit vectors, one for each passive variable.
     matrix
-        (n, 3 loops, passive) the matrix J. Its rows are the three components of the
-        first combination, then the three components of the second, and so on. If J x is not
-        0, loops open.
+        (n, 3 loops, passive) the matrix J. Its rows are the three components of the first
+        equation, then the three components of the second, and so on. If J x is not 0, loops
+        open.
     """
 
     unit_vectors: Floats

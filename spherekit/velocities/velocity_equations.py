@@ -133,14 +133,18 @@ class VelocityEquations(ABC):
 
     @abstractmethod
     def solve_loops(self, offsets: Mapping[int, Exprs]) -> list[Expr]:
-        """Return the rates of all variables for some offsets, while the inputs rest.
+        """Return the rates of all variables for given offsets, while the inputs rest.
+
+        Around each loop, the angular velocities of the pairs add up to zero. The angular
+        velocity of a pair is the sum of its vectors times their rates, minus the offset of
+        the pair. An offset is thus a known part of the equations. It can stand for a known
+        velocity or acceleration, or for the small rotation by which a loop is open.
 
         Parameters
         ----------
         offsets
-            (3,) by pair, the offset e in ground axes. The angular velocities of the links
-            of the pair differ by the sum of its vectors times rates, minus e. Other pairs
-            have no offset.
+            (3,) by the index of the pair, the offset in ground axes. Other pairs have no
+            offset.
         """
 
     @cached_property

@@ -162,7 +162,8 @@ def commands(draw):
     `sources` (mechanisms), `flags` (options with values), `analyses`, `floats` and `words`
     (any text).
     """
-    # Words that occur several times are drawn more often.
+    # The words of the first text, then the other texts. Words that occur several times are
+    # drawn more often.
     subcommands = split(
         "run run run run validate plan explain export view analyses analyses",
         "nonsense",

@@ -86,7 +86,7 @@ def random_axes(random, count):
 
 
 def random_chain(random, links, freedoms=1):
-    """Return the joined links of a random chain of revolute pairs.
+    """Return the edges of a random chain: the numbers of two links for each revolute pair.
 
     The chain has `links` links and as many degrees of freedom as `freedoms` says. Chains
     are drawn until one meets three conditions: every link has two pairs or more, no part

@@ -62,8 +62,8 @@ class FourBar(NamedTuple):
 
         u31 is the axis about which link 3 turns relative to link 1, and w31 its rate. The
         formulas are eqs. (26a) and (26b) of Di Gregorio (2024). Eq. (26a) is 0/0 at theta41
-        = 0 or pi, where link 3 does not turn relative to link 2. (Eq. (5) of the paper as
-        printed has another sign than these two, which are right.)
+        = 0 or pi, where link 3 does not turn relative to link 2. (Eq. (5), as the paper
+        prints it, has another sign. Eqs. (26a) and (26b) are right.)
         """
         u = self.u
         u31, u42 = self.poles()

@@ -319,9 +319,10 @@ def relative_rate_row(link_count, a, b, vector):
 def moments(mechanism, orientations, w, angle, t, joint):
     """Return the moments (links, 3) of the loads of `with_masses_and_loads`, in N m.
 
-    They are about the centre of the sphere, in ground axes, and written by hand, load by
-    load. Numbers are those of the loads there: 0.7 N m/rad is the stiffness of the spring,
-    for example.
+    They are about the centre of the sphere, in ground axes. The equations of motion of this
+    reference use them. They are written by hand, load by load, independently of spherekit.
+    Numbers are those of the loads in `with_masses_and_loads`: 0.7 N m/rad is the stiffness
+    of the spring, for example.
 
     Parameters
     ----------
@@ -348,7 +349,7 @@ def moments(mechanism, orientations, w, angle, t, joint):
     arm = orientations[last] @ np.array([0.3, -0.2, 0.9])
     total[last] += np.cross(arm, [1.0, 2.0 * t, -1.0])  # push
     pull_in_link = np.cross([0.1, 0.5, 0.4], [t, -1.0, 0.5])
-    total[first] += orientations[first] @ pull_in_link
+    total[first] += orientations[first] @ pull_in_link  # pull
     total[last] += orientations[last] @ np.array([0.3, t, 1.0])  # turn
 
     pair = mechanism.pair_number[joint]

@@ -437,12 +437,12 @@ class System:
         return placements
 
     def _check_pairs_and_angles(self, follower_pairs):
-        """Check that each pair is used once, and that equations and unknowns are as many.
+        """Check that each pair is used once, and that equations are as many as unknowns.
 
         A placement puts a link on links placed before it:
 
-        - on one pair. The link can turn by the angle of this pair. It must be the angle of
-          an unknown, an input, or a follower (pair that wheels turn with an input).
+        - on one pair. The link can turn about this pair. The pair's angle must be an
+          unknown, an input, or that of a follower (pair that wheels turn with an input).
         - on two pairs. The link closes a loop, and gives one equation.
         """
         used_pairs = []
@@ -657,9 +657,13 @@ class PolynomialEquations:
     def _turn_by_known_angle(self, pair, sense):
         """Return a rotation about the z axis by a known angle, as a dual array.
 
+        It is a factor of the matrix of a link. A known angle has its value in `driven`, or
+        follows from such a value if it is the angle of a wheel. Every other angle is an
+        unknown of the polynomials (`_turn_by_unknown_angle`).
+
         A dual array (1 + n, 3, 3) has its value at index 0, then n derivatives: first those
-        by the unknowns, then those by the angles listed in `moving`. The angle follows from
-        a variable in `driven`, whose value is known.
+        by the unknowns, which are zero here, then those by the angles in `moving`. The
+        caller names in `moving` the known angles by which it needs derivatives.
 
         Parameters
         ----------

@@ -100,8 +100,9 @@ def as_ball(fraction):
 def contact_azimuths(sizes, pairs, wheels, carrier, is_internal):
     """Return the azimuths (rad) at which two wheels touch, with all pair angles zero.
 
-    There is one azimuth for each wheel, measured about its axis (the centre of its circle)
-    in the axes of the wheel. It counts from the direction `across(axis)`. All numbers are
+    There is one azimuth for each wheel. It is the angle about the axis of the wheel from
+    the direction `across(axis)`, which is fixed in the wheel, to the contact point. The
+    azimuths determine the constant in the relation of both pair angles. All numbers are
     intervals that contain the exact number.
 
     Parameters

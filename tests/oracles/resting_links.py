@@ -23,13 +23,18 @@ class Rest(NamedTuple):
     It is the result of Newton's method in 50 digits for the rotations and rates (angular
     velocities) of all links. The equations are: the axis of each pair has the same
     direction in both links, the links turn about it only, and one component of the relative
-    rate of the two links is zero. `relative_rate` shows that the other components vanish
-    too. The size of all rates is fixed, because rates of zero would always be a solution.
+    rate of the two links is zero. The equations do not demand that its other components are
+    zero. `relative_rate` shows whether they are, and so whether the links rest. The size of
+    all rates is fixed, because rates of zero would always be a solution.
+
+    Tests compare it with a singularity found by spherekit, from which Newton's method
+    starts.
 
     Attributes
     ----------
     rotation_change
-        Largest change of an element of the link rotations by Newton's method.
+        Largest change of an element of the link rotations by Newton's method. It is the
+        error of the configuration from which the method started.
     residual
         Largest residual of these equations at the end of Newton's method.
     relative_rate

@@ -410,9 +410,10 @@ def _contact_vector(pair_type, line):
 def _contact_vector_change(pair_type, line, w):
     """Return the derivative (n, 3) of the unit vector that `_contact_vector` computes.
 
-    This vector is the axis of a revolute pair (R), points to the contact point of a rolling
-    contact (Cr), or is the normal of the plane through both centres of a sliding contact
-    (Cs). A vector c that is fixed in a link changes by w x c.
+    The caller differentiates the velocity equations with it. The unit vector is the axis of
+    a revolute pair (R), points to the contact point of a rolling contact (Cr), or is the
+    normal of the plane through both centres of a sliding contact (Cs). A vector c that is
+    fixed in a link changes by w x c.
 
     Parameters
     ----------

@@ -109,6 +109,9 @@ def find_coinciding_paths(paths: Sequence[Floats], size: float) -> list[DashPosi
 def _lies_on(path: Floats, other_path: Floats, size: float) -> bool:
     """Return whether nearly all points of a path are on another path.
 
+    If so, one of the two paths would hide the other one, so the caller draws both with
+    dashes.
+
     Parameters
     ----------
     path, other_path
@@ -130,8 +133,8 @@ def _lies_on(path: Floats, other_path: Floats, size: float) -> bool:
     # Compare only some of the points, to save time.
     step = -(-len(points) // MAX_COMPARED_POINTS)  # rounded up
     points = points[::step]
-    # Nearest point of each segment: the start of the segment plus a fraction, from 0 to 1,
-    # of the segment.
+    # For each point of the path the nearest point of each segment: the start of the segment
+    # plus a fraction, from 0 to 1, of the segment.
     segments = ends - starts
     squared_lengths = np.vecdot(segments, segments)
     from_starts = points[:, None] - starts

@@ -240,15 +240,18 @@ def _plan_series(
 
 
 def _find_marks(scenes: Sequence[Scene], axis_label: str) -> list[tuple[Page, InputMarks]]:
-    """Return the inputs that analyses mark in plots over one quantity, with their pages.
+    """Return the marked values of the quantity on the x axis of a plot, with their pages.
 
-    Examples are inputs at singularities. A page is the number of an assembly mode (way to
-    assemble the mechanism), or a title.
+    Analyses mark special values, such as the inputs at singularities. The caller draws the
+    marks of all analyses in each plot of curves over the same quantity.
+
+    A page is the number of an assembly mode (way to assemble the mechanism), or a title.
 
     Parameters
     ----------
     scenes
-        Scenes (drawn objects of one page) of all analyses. `over` has the axes of the plot.
+        Scenes (drawn objects of one page) of all analyses. Their attribute `over` lists the
+        quantities on the axes.
     axis_label
         Label of the quantity on the x axis. Scenes over another quantity, or over several
         quantities, are left out.

@@ -63,8 +63,9 @@ def dark_copy(figure: Figure) -> Figure:
     }
     for effect in effects.values():
         _darken_halo(effect)
-    # By now a background that was white has this colour, and becomes transparent. Other
-    # backgrounds stay, because they mark where a colour map has no values.
+    # The first loop has replaced white by this colour. A background that was white becomes
+    # transparent. Other backgrounds stay, because they mark where a colour map has no
+    # values.
     darkened_white = _dark_rgba("white")
     for patch in (dark.patch, *(panel.patch for panel in dark.axes)):
         was_white = np.allclose(to_rgba(patch.get_facecolor()), darkened_white)

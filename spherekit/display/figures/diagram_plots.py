@@ -47,15 +47,16 @@ def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figur
             for point, name in enumerate(diagram.names):
                 # (n, 2) x and y of the point in each sample.
                 path = diagram.places[:, point]
-                # A long step between samples leads through infinity, so no line is drawn
-                # there.
+                # A step between samples that is long relative to the frame leads through
+                # infinity, so no line is drawn there.
                 steps = np.abs(np.diff(path, axis=0))
                 leads_through_infinity = np.any(steps > INFINITE_STEP_RATIO * frame_size, 1)
                 look = _path_look(diagram, point) | {"label": plot_text(name)}
                 panel.plot(*insert_gaps(path, leads_through_infinity).T, **look)
         _, first_diagram = items[0]
         label_shared_axes(panels, first_diagram.x_label, first_diagram.y_label)
-        figure.draw_without_rendering()  # fixes the layout, which names need
+        # This computes the layout. The places of names depend on it.
+        figure.draw_without_rendering()
         for panel, (_, diagram) in zip(panels, items, strict=True):
             _name_starts(panel, diagram)
     return figure

@@ -164,7 +164,8 @@ def _draw_zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -
     # Where a value jumps from one sign to the other along x or y, the values on the two
     # sides of the jump are removed (NaN).
     continuous_table = table.copy()
-    # For each axis, views whose entries are neighbours along this axis.
+    # Views of the tables whose first index runs along x, then views whose first index runs
+    # along y. `before` and `after` are the values on both sides of each grid step.
     for table_view, result_view in (
         (table, continuous_table),
         (table.T, continuous_table.T),

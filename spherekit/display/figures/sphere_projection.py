@@ -123,14 +123,16 @@ class SphereView:
 
 
 def frame_about(directions: Floats) -> Floats:
-    """Return the frame (3, 3) of a map about the ground axis nearest to some directions.
+    """Return the frame (3, 3) of a map of the sphere with some directions near its middle.
 
-    The rows are unit vectors to the right, up, and out of the map.
+    The middle of the map is one of the directions +x, -x, +y, -y, +z and -z of the ground:
+    the one nearest to the mean of the given directions. The rows of the frame are unit
+    vectors to the right, up, and out of the map.
 
     Parameters
     ----------
     directions
-        (n, 3) unit vectors. If there are none, the map is about +z.
+        (n, 3) unit vectors. If there are none, the middle is +z.
     """
     mean = np.nanmean(directions, axis=0) if len(directions) else np.array([0.0, 0.0, 1.0])
     nearest_axis = np.argmax(np.abs(mean))

@@ -19,7 +19,9 @@ COLOUR_BAR_DISTANCE = 0.12
 
 
 def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
-    """Return a figure of surfaces, or clouds of points, in one space of three quantities.
+    """Return a figure of surfaces, or clouds of points, in one three-dimensional space.
+
+    The axes of the space are three quantities, such as the three inputs of a mechanism.
 
     Parameters
     ----------
@@ -58,6 +60,7 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
                     title_with_unit(surface.label, surface.values_unit),
                     COLOUR_BAR_DISTANCE,
                 )
+        # All surfaces are in the same space, so the first one states the axes.
         first_surface = surfaces[0]
         x_label, y_label, z_label = (
             plot_text(title_with_unit(name, first_surface.unit))

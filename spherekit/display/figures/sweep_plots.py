@@ -180,9 +180,10 @@ def _draw_merit(
 def _line_with_gaps(
     rows: "pd.DataFrame", designs: "pd.DataFrame", size: str, merit: str
 ) -> Floats:
-    """Return the points (n, 2) of a line of a figure of merit over the only varied size.
+    """Return the points (n, 2) of the plot of a figure of merit over a size.
 
-    The figure is NaN at designs without a row, so that no line is drawn across them.
+    The designs differ only in this size. The figure is NaN at designs without a row, so
+    that no line is drawn across them.
 
     Parameters
     ----------

@@ -403,8 +403,9 @@ class PageMaker:
     def _find_sizes(self) -> Names:
         """Return the keys of the arcs and angles of the mechanism file that get a slider.
 
-        A note is added for each axis that the file states by two directions. With contacts,
-        a note is also added for each size that cannot be an argument of formulas.
+        A note for users says which sizes get no slider. These are axes that the file states
+        by two directions perpendicular to them. With contacts, these are also sizes that
+        cannot be arguments of formulas.
         """
         # An axis that the file states by two other directions has no number to vary.
         keys = self._omit_axes_by_directions(default_size_keys(self._mechanism))

@@ -49,11 +49,11 @@ def input_facts(mechanism: Mechanism, driven: Input) -> Facts:
 def link_facts(mechanism: Mechanism, link: str) -> Facts:
     """Return the description of a link for the scripts of an interactive page.
 
-    The description has the names of the pairs (joints) with an axis in the link, and the
-    contact profiles of the link. A profile is the curve along which the link touches
-    another link, here as points in link axes. A circular profile also has its centre and
-    radius. A circular profile that rolls is drawn as a wheel. Other profiles are drawn as
-    curves.
+    The description has the names of the R and P pairs of the link, which have an axis in
+    it, and the contact profiles of the link. A profile is the curve along which the link
+    touches another link, here as points in link axes. A circular profile also has its
+    centre and radius. A circular profile that rolls is drawn as a wheel. Other profiles are
+    drawn as curves.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def link_facts(mechanism: Mechanism, link: str) -> Facts:
 
 
 def pair_facts(mechanism: Mechanism) -> list[Facts]:
-    """Return the descriptions of all pairs (joints) for the scripts of a page.
+    """Return the descriptions of all pairs (joints) for the scripts that draw a page.
 
     An R or P pair has an axis and one variable. A contact has no axis, and one variable if
     it rolls, or two variables if it slides.
@@ -120,7 +120,8 @@ def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
     name, unit
         Name and unit of the quantity.
     """
-    # The derivative of the equivalent inertia B with respect to the input.
+    # `dB_dq` is the derivative of the equivalent inertia B with respect to the input. Its
+    # label keeps the fraction.
     label = name.replace("dB_dq", "dB/dq").replace("_", " ")
     # Names of links may contain underscores, so all pairs of links are tried. With several
     # inputs, the name ends in the input that moves.

@@ -69,8 +69,8 @@ def slider_range(
 ) -> SliderRange:
     """Return the range of a slider, and of the text field beside it.
 
-    The page can save the mechanism file with the changed number. So the range has only
-    numbers with which the file can be read again.
+    The page can save the mechanism file with the changed number, and the saved file must
+    be readable. So the range has only numbers with which the file can be read.
 
     Parameters
     ----------
@@ -83,9 +83,9 @@ def slider_range(
 
     Returns
     -------
-    The ranges of the slider and of its text field. The two ranges include the number of the
-    file. An angle may be changed by `SLIDER_REACH_DEG` up or down; any other number by its
-    own magnitude, or by 1 if it is zero.
+    The ranges of the slider and of its text field. Both ranges include the present number
+    of the file. The slider may change an angle by `SLIDER_REACH_DEG` up or down, and any
+    other number by its own magnitude, or by 1 if it is zero.
     """
     value = variable.value
     if variable.is_angle:
@@ -180,8 +180,8 @@ def _find_format_limits(
         is_latitude = coordinate == 1
     if is_latitude:
         return -90.0, 90.0
-    # A file states its geometry by the sizes of links, or by a reference pose. A pose has
-    # no arcs.
+    # A file states its geometry by the sizes of links, or by a reference pose. Only sizes
+    # include arcs.
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry) and angle.kind == "arcs":
         # The arcs of a link may be negative if the file declares them as signed.

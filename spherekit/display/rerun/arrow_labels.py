@@ -57,11 +57,11 @@ def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object
 def find_label_owners(directions: Floats) -> Integers:
     """Return for each arrow the arrow in which its name is written.
 
-    Two arrows of nearly equal direction cover each other, and labels would overlap. The
-    name is written in the label of the first arrow that covers the arrow, or in its own
-    label. For example, let arrow 1 cover the arrows 0 and 2, which do not cover each other.
-    The result is [0, 0, 1]: arrow 0 has the names of 0 and 1, arrow 1 has the name of 2,
-    and arrow 2 has an empty label.
+    Two arrows of nearly equal direction cover each other, and their labels would overlap.
+    An arrow's name is written in the label of the first arrow that covers it. If no earlier
+    arrow covers it, the name is written in its own label. For example, let arrow 1 cover
+    the arrows 0 and 2, which do not cover each other. The result is [0, 0, 1]: arrow 0 has
+    the names of 0 and 1, arrow 1 has the name of 2, and arrow 2 has an empty label.
 
     Parameters
     ----------

@@ -306,7 +306,7 @@ class Layout:
         """
 
         def boundary(timeline: str, offset: float) -> rr.TimeRangeBoundary:
-            """Return a time at some distance from the cursor of the timeline."""
+            """Return the position on a timeline at an offset from its cursor."""
             # Only the timeline of times is in seconds. Others count samples, or ticks
             # (small parts of a degree) of the input.
             if timeline == TIME_TIMELINE:

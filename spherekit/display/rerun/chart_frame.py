@@ -102,7 +102,7 @@ def frame_side(
     Parameters
     ----------
     title
-        The words of the axis.
+        Title of the axis.
     value_range
         Lowest and highest value.
     is_degrees

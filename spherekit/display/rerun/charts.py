@@ -213,8 +213,9 @@ class Chart:
 
         Each item is the name of a part, such as ``frame``, and its data. The caller stores
         the data once in a recording for the viewer rerun. Data in a recording have paths,
-        like files: the name of a part follows the path of the chart. The curves have the
-        rows (samples) of all blocks so far.
+        like files: the name of a part follows the path of the chart. A recording is written
+        in blocks of consecutive rows (samples). The curves show the rows of all blocks so
+        far.
 
         Parameters
         ----------
@@ -224,13 +225,14 @@ class Chart:
         if self.is_map:
             yield from self._draw_map()
             return
-        # Unit and resolution are in the first block of each series. Changes below the
-        # resolution times the largest value (`scale`) are rounding errors.
+        # All blocks of a series (plotted quantity) have the same unit and resolution, so
+        # the first blocks are read. The resolution of a series is a relative change. A
+        # change below the resolution times the `scale` of the values is a rounding error.
         first_series = [blocks[0].series for blocks in self.curves.values()]
         unit = first_series[0].unit
         resolution = max(series.resolution for series in first_series)
-        # If values differ by rounding only, the range is so wide that the curve looks
-        # straight.
+        # If values differ by rounding only, the range of the vertical axis is so wide that
+        # the curve looks straight.
         rows_by_path = {path: self.joined_blocks(path) for path in self.curves}
         all_values = np.concatenate([values for _, values in rows_by_path.values()])
         scale = quantity_scale(all_values, unit)
@@ -253,8 +255,9 @@ class Chart:
     ) -> list[Floats]:
         """Return the lines (points, 2) of a curve, in units of the chart.
 
-        A curve of angles is broken where it jumps by half a turn or more. Every curve is
-        cut where it leaves the frame through its upper or lower side.
+        In these units the frame is `width` wide and `FRAME_HEIGHT` high. A curve of angles
+        is broken where it jumps by half a turn or more. Every curve is cut where it leaves
+        the frame through its upper or lower side.
 
         Parameters
         ----------
@@ -290,13 +293,14 @@ class Chart:
             yield f"marks/{number}/words", draw_words(names, tint, are_names_shown)
 
     def _draw_map(self) -> Stills:
-        """Yield a map with its frame, its scale of colours, and words.
+        """Yield a map with its frame, its scale of colours, and the numbers at the scale.
 
         A map shows one quantity over two inputs by colours, as an image. The scale of
         colours is in the same image, to the right.
         """
-        (path,) = self.curves  # a map has one series
-        # A series is in blocks of successive samples, with the same unit and resolution.
+        (path,) = self.curves  # a map has one series (plotted quantity)
+        # A series consists of blocks of successive samples. All blocks have the same unit
+        # and resolution.
         first_block = self.curves[path][0]
         series = first_block.series
         # Values on the two axes, and the quantity (len(x), len(y)), NaN where there is no
@@ -428,7 +432,8 @@ def legend_texts(legend_series: Sequence[Series]) -> list[str]:
         name = series.label
         if len(name) > MAX_LEGEND_LETTERS:
             name = f"{name[: MAX_LEGEND_LETTERS - 1]}…"
-        # The least scale of a quantity is 0 for torques and the like, and 1 for others.
+        # Values below `smallest` are written as 0. Without values, `quantity_scale` returns
+        # its lower limit: 0 for torques and the like, 1 for other quantities.
         smallest = series.resolution * quantity_scale(nans(0), series.unit)
         numbers = [_number_text(x, smallest) for x in series.values.tolist()]
         texts_of_series.append([f"{name}  {number}" for number in numbers])

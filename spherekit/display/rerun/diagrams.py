@@ -207,8 +207,8 @@ def _line_columns(diagram: Diagram) -> Columns:
 def _reading_columns(diagram: Diagram) -> Columns:
     """Return the legend of a diagram for each row (sample): each point with two angles.
 
-    The two readings of a point are angles, printed in degrees. At most the first
-    `MAX_LISTED_READINGS` points are listed.
+    The two angles of a point are called its readings. The legend lists them in degrees, for
+    the first `MAX_LISTED_READINGS` points at most.
     """
     assert diagram.readings is not None
     readings = np.degrees(diagram.readings[:, :MAX_LISTED_READINGS])
@@ -273,15 +273,18 @@ def _line_interval(
 ) -> tuple[Floats, Floats]:
     """Return the interval of t in which one coordinate of a line is within limits.
 
-    The points of a straight line are foot + t direction. One call treats one coordinate, x
-    or y. If the coordinate does not change along a line, t is infinite. The interval is
-    from -inf to inf if the coordinate is within the limits. If not, both ends are the same
-    infinity.
+    The points of a straight line are foot + t direction. The foot is its point nearest to
+    the origin. One call treats one coordinate, x or y. `clip_lines` intersects the
+    intervals of both.
+
+    If the coordinate does not change along a line, a division by zero makes t infinite. If
+    the coordinate is within the limits, the interval is from -inf to inf. If it is outside,
+    both ends are the same infinity. If it is at a limit, both ends are NaN.
 
     Parameters
     ----------
     foot, direction
-        (rows, lines) the coordinate of a point of each line, and of its unit vector.
+        (rows, lines) this coordinate of the foot of each line, and of its unit vector.
     limits
         Lower and upper limit of the coordinate.
 

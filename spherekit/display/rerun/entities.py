@@ -193,8 +193,9 @@ def moving_columns(
 
     A primitive is something to draw, such as a link, an arrow or a plot. A row is its state
     at one sample of a motion. A row without a configuration is NaN: it gets no arrow, point
-    or label. The curves of a link were logged once by `draw_static`; only the rotation of
-    the link (a quaternion) changes. A primitive without quaternions belongs to the ground.
+    or label. The curves of a link were logged (stored in the recording) once by
+    `draw_static`. Only the rotation of the link (a quaternion) changes. A link or trace
+    without quaternions is fixed to the ground.
 
     Parameters
     ----------
@@ -439,10 +440,11 @@ def _point_columns(positions: Floats, has_point: Bools) -> Columns:
 
 
 def _rotation_columns(quaternions: Floats) -> Columns:
-    """Return the rotation of a moving object in each row, and hide it in NaN rows.
+    """Return the rotation of a moving object in each row (sample), and hide it in NaN rows.
 
-    The object, such as the curves of a link, was logged once. Static data cannot be removed
-    in a single row, so in a NaN row the object is shrunk to a point.
+    The viewer rerun gets the object, such as the curves of a link, once for all rows. So it
+    cannot remove the object in a single row. In a NaN row it shrinks the object to a point
+    instead.
 
     Parameters
     ----------
@@ -492,7 +494,8 @@ def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
             labels=[text for text, _, _ in names],
             colors=[colours.PALE if is_pair else colour for _, _, is_pair in names],
             radii=LABEL_RADIUS,
-            # Whether a moving link shows its names is logged row by row.
+            # A moving link hides its names in rows without a configuration. This is logged
+            # later, for each row.
             show_labels=True if body.quaternions is None else None,
         ),
     )
@@ -502,8 +505,8 @@ def _draw_sphere_curves(item: SphereCurves) -> Stills:
     """Yield curves and marks on the unit sphere, which do not move.
 
     Curves and marks are drawn a little outside of the sphere (`CURVE_SCALE`, `MARK_SCALE`),
-    where the sphere cannot hide them. The tone of curves or of a mark is the number of
-    their colour in a list.
+    where the sphere cannot hide them. `tone`, an attribute of the curves and of each mark,
+    is the number of a colour (`colours.tone_colour`).
 
     Yields
     ------
@@ -635,10 +638,10 @@ def _draw_surface(surface: Surface) -> Stills:
 
 
 def _draw_graph(graph: Graph) -> Stills:
-    """Yield the graph of a mechanism, with links as nodes and pairs (joints) as edges.
+    """Yield the graph of a mechanism, with links and pairs (joints) as nodes.
 
-    A node is a tuple of name, label and link number. The number decides the colour; a node
-    without a number is grey. The coordinates of nodes are from 0 to 1.
+    A node is a tuple of name, label and link number. The number decides the colour. A pair
+    has no number, and its node is grey. The coordinates of nodes are from 0 to 1.
     """
     if not graph.nodes:
         return

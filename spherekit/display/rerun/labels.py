@@ -123,7 +123,8 @@ class _NameRequest:
     is_pair
         Whether it is the name of a pair.
     places
-        (k, 3) possible places in the axes of the link, the best first.
+        (k, 3) possible places in the axes of the link. If several cover equally little, the
+        first of them is chosen.
     centres
         (pictures, k, 2) the middle of the name in each picture, for each possible place:
         coordinates to the right and up.

@@ -213,7 +213,7 @@ def _list_arcs(axes: Mapping[str, Floats]) -> str:
     Parameters
     ----------
     axes
-        By the name of each pair the unit vector (3,) of its axis, in link axes.
+        For the name of each pair the unit vector (3,) of its axis, in the axes of the link.
     """
     names = [markdown_text(pair) for pair in axes]
     if len(names) == 1:

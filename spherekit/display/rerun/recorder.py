@@ -505,10 +505,10 @@ class RerunRecorder:
     ) -> Axis:
         """Return the horizontal axis of charts for a scene that does not name one.
 
-        The result is the axis of times, of inputs or of sample numbers. `start` has set the
-        range of times or inputs, so all blocks of rows have the same axis. The total number
-        of samples isn't known in advance, so an axis of sample numbers has the range of
-        this block.
+        The result is the axis of times, of inputs or of sample numbers. An axis of times or
+        inputs has the range of the whole recording, which `start` has stored. The total
+        number of samples is not known in advance, so an axis of sample numbers has the
+        range of this block of rows.
 
         Parameters
         ----------
@@ -522,7 +522,7 @@ class RerunRecorder:
         if self._axis_range is not None and inputs is not None:
             return Axis("input", "deg", np.degrees(inputs), self._axis_range)
         numbers = samples.astype(float)
-        # The initial values are for a block without rows.
+        # Without rows, `np.min` and `np.max` need the initial values.
         low = np.min(numbers, initial=np.inf)
         high = np.max(numbers, initial=-np.inf)
         return Axis("sample", "", numbers, (low, high))

@@ -70,8 +70,9 @@ class ConformanceCase:
     def errors(self) -> dict[str, SpherekitError]:
         """The error that each method of the analysis raises, by the name of the method.
 
-        The methods are called with all samples (values of the inputs) in one block. A
-        method that raises no error is not in the result.
+        Several checks look for their own kind of mistake in these errors, for example an
+        undeclared read. The methods are called with all samples (values of the inputs) in
+        one block. A method that raises no error is not in the result.
         """
         errors: dict[str, SpherekitError] = {}
         for method in ("compute", "findings", "scene"):

@@ -201,13 +201,17 @@ def _comparable(findings: Findings) -> dict[str, Any]:
 
 
 def check_failed_rows(case: ConformanceCase) -> str:
-    """Check how an analysis treats a sample without a configuration, a failed row.
+    """Check how an analysis treats a sample for which the mechanism cannot be assembled.
 
-    A row of the motion is one sample in one assembly mode (way to assemble the links). In
-    a second computation one such row fails. The tables are compared with those of the first
-    computation. In the table rows of the failed sample and mode, a number has to be NaN or
-    the same as before. Texts, whole numbers and statuses may change, because they have no
-    NaN. All other table rows have to stay the same.
+    The motion, which the analysis reads, has a row for each sample in each assembly mode
+    (way to assemble the links). The analysis is computed twice. In the second computation
+    one row of the motion has no configuration. The tables of both computations are
+    compared:
+
+    - In the table rows of this sample and mode, a number has to be NaN or the same as in
+      the first computation. Texts, whole numbers and statuses may be different, because
+      they have no NaN.
+    - All other table rows have to be the same.
 
     Returns
     -------
@@ -215,7 +219,8 @@ def check_failed_rows(case: ConformanceCase) -> str:
     """
     if not case.analysis.reads_samples:
         raise NotApplicableError("it reads no samples")
-    # All samples are in one block, so that a row of the batch is a row of the motion.
+    # All samples are computed in one block. So row number `row` of its motion is also row
+    # `row` of `batch`, which tells the sample and the mode of this row.
     count = len(case.sampling)
     row = count // 2
     tables, _ = case.compute_results(block_size=count, change_motion=fail_row(row))
@@ -224,24 +229,25 @@ def check_failed_rows(case: ConformanceCase) -> str:
         table for table in case.run_plan.tables_of(case.analysis) if table.in_assembly_modes
     ]
     for table in sample_tables:
-        # Expected is the table of the first computation.
+        # The table of the first computation is expected.
         complete_tables, _ = case.whole_results
         expected = dict(complete_tables[table.name])
         computed = tables[table.name]
         # The rows of the table with the sample and the assembly mode that failed.
         is_failed = expected[SAMPLE.name] == batch.sample[row]
         is_failed &= expected[ASSEMBLY_MODE.name] == batch.assembly_mode[row]
-        # Another number of rows is a fault, which `describe_difference` describes below.
+        # If the second table has another number of rows, `describe_difference` finds this
+        # fault below.
         if len(is_failed) == len(computed[SAMPLE.name]):
             for column in table.columns:
                 values = computed[column.name]
-                # Values in the rows of the failed sample that are right whatever the first
-                # computation gave: numbers that are NaN, and all values of other kinds.
+                # Values in the rows of the failed sample that may differ from the first
+                # computation: numbers that are NaN, and all values that are no numbers.
                 is_allowed = is_failed
                 if column.kind == "number":
                     is_allowed = is_failed & np.isnan(values)
-                # Allowed values become the expected values, so that these cause no
-                # difference.
+                # These values replace the expected ones, so that the comparison below
+                # finds no difference in them.
                 expected[column.name] = np.where(is_allowed, values, expected[column.name])
         if fault := describe_difference(table, expected, computed):
             raise PluginError(

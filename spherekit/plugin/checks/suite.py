@@ -217,7 +217,8 @@ class ConformanceSuite:
 
         Mechanisms that it refuses by an error of spherekit are removed from the cases. A
         `PluginError` is a mistake of the plugin and is raised. Two kinds of mistakes are
-        left to later checks: reading undeclared quantities, and writing to arrays.
+        left to later checks: reading quantities that the analysis does not declare as its
+        needs, and writing to the arrays of its input data.
 
         Returns
         -------
@@ -258,8 +259,9 @@ class ConformanceSuite:
     def _check_all_cases(self, check: Callable[[ConformanceCase], str]) -> str:
         """Perform one check on every mechanism, and return the notes of all for the report.
 
-        A check may not apply to a mechanism. If it applies to none, `NotApplicableError` is
-        raised, and the report says "not checked".
+        A check may not apply to a mechanism. The reason is then added to the notes. If the
+        check applies to no mechanism, `NotApplicableError` is raised with the reasons, and
+        the report says "not checked".
         """
         notes = []
         reasons = []  # why the check does not apply
