@@ -114,14 +114,20 @@ def cases():
             if set(names) & OPTIONS_LEFT_OUT or not names:
                 continue
             name = names[0]
+            is_quick_command = command not in ("trade", "view", "synthesize")
             if action.nargs == 0:
-                yield pytest.param(command, name, None, id=f"{command} {name} twice")
+                yield pytest.param(
+                    command,
+                    name,
+                    None,
+                    id=f"{command} {name} twice",
+                    marks=() if is_quick_command else pytest.mark.slow,
+                )
                 continue
             for value in ABSURD:
                 if value in ENDLESS.get((command, name), ()):
                     continue
                 printable_value = value.encode("unicode_escape").decode()
-                is_quick_command = command not in ("trade", "view", "synthesize")
                 if value in QUICK and is_quick_command:
                     marks = ()
                 elif value in SLOW:

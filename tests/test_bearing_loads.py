@@ -86,6 +86,7 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
     return mechanism.with_loads(*mechanism.loads, *bearings), joint
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name", STARTS)
 def test_bearing_forces_are_those_of_free_bodies(name):
@@ -215,6 +216,7 @@ def test_axial_shares_of_bearings_are_kept_in_files_and_checked(tmp_path):
             sk.load(path)
 
 
+@pytest.mark.slow
 def test_a_spinning_shaft_is_slowed_by_its_weight_on_the_fixed_bearing():
     """Friction of a fixed bearing slows a balanced vertical shaft as calculated by hand.
 

@@ -179,6 +179,7 @@ def test_eksergian_gives_the_same_tables_and_findings_in_blocks(course):
     assert block_findings["at_q_rad"] == pytest.approx(findings["at_q_rad"], abs=1e-14)
 
 
+@pytest.mark.slow
 def test_a_portrait_has_one_frame_whatever_the_blocks():
     listener = SceneListener()
     how = {**RUN_OPTIONS["loads"], "block": 50, "recorder": listener}

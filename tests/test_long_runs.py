@@ -299,6 +299,7 @@ def test_a_full_disk_keeps_what_is_done(tmp_path, monkeypatch):
     assert contents(tmp_path / "full") == contents(tmp_path / "whole")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(resource is None, reason="needs limits of files")
 def test_a_run_that_fails_at_its_end_leaves_the_older_results(tmp_path):
     """If a table cannot be written, older results stay and the new run can be resumed.

@@ -42,6 +42,7 @@ def chain(links):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
     ("made", "least"),
@@ -173,6 +174,7 @@ def test_a_search_without_closed_starts_does_not_deny_modes_known_from_elsewhere
     assert statistics.sentence(1).endswith("random starts found no further assembly mode.")
 
 
+@pytest.mark.slow
 def test_a_long_search_says_what_it_does_unless_it_is_to_be_quiet(capsys, monkeypatch):
     monkeypatch.setattr(progress, "REPORT_INTERVAL_S", -1.0)
     assert main(["run", "roller_cam", "--samples", "9"]) == 0

@@ -239,7 +239,7 @@ def test_a_run_writes_every_configuration_of_a_sample_once(
 @pytest.mark.parametrize(
     ("name", "count", "seed"),
     [
-        ("three_rrr", 20, 1),
+        pytest.param("three_rrr", 20, 1, marks=pytest.mark.slow),
         pytest.param("three_rrr", 30, 2, marks=pytest.mark.slow),
         pytest.param("two_dof_spm", 5, 3, marks=pytest.mark.slow),
         ("agile_eye", 6, 4),

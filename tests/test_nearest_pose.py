@@ -83,6 +83,7 @@ def check_nearest(kinematics, bounds, signs, count, seed=0, tries=40_000):
     return asked_poses, np.array(angles)
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
     ("name", "mode", "count"),

@@ -79,6 +79,7 @@ def test_the_acceleration_coefficient_is_the_derivative_in_both_orders():
         np.testing.assert_allclose(change / step, expected, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_stored_models_have_the_same_signs():
     """The rates of a reduced model change their sign with the order of the links."""
     model = sk.reduced_model("four_bar", assembly_mode=0)

@@ -253,6 +253,7 @@ def test_a_gap_between_two_samples_is_found(open_page, arcs):
         assert not shown["meets"]  # no crossings with another mode
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(("name", "where_deg"), [("cp2", 180.0), ("parallelogram", 180.0)])
 def test_modes_that_meet_are_marked_and_do_not_end(open_page, name, where_deg):
@@ -397,6 +398,7 @@ LIMITS += [pytest.param(*case, marks=pytest.mark.slow) for case in (("41", 1), (
 """Pairs of the four-bar that get a joint limit, and turns by which it is stated farther."""
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(("pair", "turns"), LIMITS)
 def test_a_page_shows_where_a_mode_is_beyond_a_joint_limit(open_page, pair, turns):

@@ -145,6 +145,7 @@ def test_singularities_outside_the_range_are_listed_at_the_nearest_turn():
     assert findings["outside"]["II"] == len(type_2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("low_deg", "high_deg"), [(0.0, 720.0), (-500.0, 400.0), (10.0, 370.0)]
 )

@@ -158,6 +158,7 @@ def test_a_recording_of_some_samples_has_the_first_and_the_last(monkeypatch):
     assert list(recorder.row_by_sample) == [0, 300, 600, SAMPLES - 1]
 
 
+@pytest.mark.slow
 def test_a_run_that_is_refused_because_of_unfinished_work_is_not_recorded(
     monkeypatch, tmp_path
 ):

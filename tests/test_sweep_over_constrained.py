@@ -310,6 +310,7 @@ def null_vector(jacobian):
     return vectors[-1]
 
 
+@pytest.mark.slow
 def test_a_design_that_never_closes_states_how_complete_its_search_is():
     vary = {"links.rod.arc": [1.0], "links.rod_b.arc": [1.0]}
     (row,) = sk.sweep(second_rod(), vary, "a=max(q)", samples=5).frame().iloc

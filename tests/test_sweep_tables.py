@@ -110,6 +110,7 @@ def test_tables_of_a_sweep_are_those_of_separate_runs(
     assert len(pd.read_parquet(tmp_path / "designs")) == len(designs)
 
 
+@pytest.mark.slow
 def test_figures_of_the_kernel_and_of_an_analysis_share_a_sweep():
     """A sweep can have figures of merit of two kinds, in separate rows.
 

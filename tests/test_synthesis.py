@@ -318,6 +318,7 @@ def check_gradients(evaluator, design, steps, mode, absolute_tolerance):
     return result.closing_fraction
 
 
+@pytest.mark.slow
 def test_gradients_of_figures_of_every_kind_agree_with_differences(tmp_path):
     """Gradients of extremes, means, ranges, and values at inputs agree with differences.
 
