@@ -290,9 +290,9 @@ def describe_largest_torques(
 ) -> tuple[str, ...]:
     """Return sentences about the largest torque at each input.
 
-    Modes (ways to assemble the links) that exist at all samples have a sentence, and the
-    other modes another one. As a rule a mode ends at a dead centre, near which torques grow
-    without bound.
+    For each input, one sentence is about the modes (ways to assemble the links) that exist
+    at all samples. Another sentence is about the modes that exist at a part of the samples.
+    As a rule such a mode ends at a dead centre, near which torques grow without bound.
 
     Parameters
     ----------
@@ -310,8 +310,8 @@ def describe_largest_torques(
         if key not in record:
             continue
         if not record[key]:
-            # The report of a simulation states what moves the mechanism, and so whether
-            # an input is driven.
+            # No sentence is needed for a simulation. Its report already states which inputs
+            # are driven.
             if record["simulated"]:
                 continue
             sentences.append(f"The {quantity} at {name} is 0 throughout")

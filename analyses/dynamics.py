@@ -162,16 +162,16 @@ class Dynamics(AbstractAnalysis):
         ModelError
             If the mechanism has neither masses nor loads.
         """
-        # This call only raises the `ModelError`.
+        # This call raises the `ModelError` if there are neither masses nor loads.
         need_terms(mechanism)
         return Needs(
             # The time, and the rates and accelerations of the inputs.
             time=True,
             # Variables, with whole revolutions, on which loads such as springs depend.
             continued_values=used_pairs(mechanism),
-            # The position analysis of the run, from which the inertia matrix is computed,
-            # and the links that have mass or loads.
+            # The position analysis of the run. The inertia matrix is computed from it.
             tracer=True,
+            # The links that have mass or loads.
             links=acting_links(mechanism),
         )
 

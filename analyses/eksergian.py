@@ -303,6 +303,8 @@ class Eksergian(AbstractAnalysis):
         # The option `at` can name another pair than the input.
         torque = self._torque_at_pair(batch, solution.tau)
         status = solution.status.copy()
+        # At its dead centre this pair is at rest, so a torque at it has no power. The
+        # torque is then NaN, although the solution is OK.
         is_dead_centre = (status == Status.OK) & np.isnan(torque)
         status[is_dead_centre] = Status.AT_SINGULARITY
         # `of_parts` returns OK for each finite part, and the status of the row for others.
@@ -465,7 +467,9 @@ class Eksergian(AbstractAnalysis):
     def _torque_plots(self, batch: Batch) -> list[Series]:
         """Return plots of the driving torque and of its parts: inertia and loads.
 
-        All of them are torques at the input, or at the pair that the option `at` names.
+        All of them are torques at the input, or at the pair that the option `at` names. The
+        part of a load is the torque that balances the load. So its sign is opposite to that
+        of the generalised force.
         """
         solution = self._inverse_solution(batch)
         torques = {"tau": solution.tau}
@@ -531,11 +535,11 @@ def _solve_torque(batch: Batch) -> InverseSolution:
     A row is the configuration at one sample in one assembly mode (way to assemble the
     links). There are two cases:
 
-    - Friction is proportional to the forces in the pairs (joints). These forces depend on
-      the motion of all links. The batch does not have all rates, so they are computed
-      from the configurations.
-    - Without friction, only the links and pairs with masses or loads matter. The batch has
-      their motion. Rows with inaccurate rates get the status ILL_CONDITIONED.
+    - Some friction is proportional to the forces in the pairs (joints). These forces depend
+      on the motion of all links. The batch has the rates of some links only, so all rates
+      are computed from the configurations.
+    - Without such friction, only the links and pairs with masses or loads matter. The batch
+      has their motion. Rows with inaccurate rates get the status ILL_CONDITIONED.
     """
     # `friction_components` lists the pairs with such friction.
     if Loads(batch.mechanism).friction_components:

@@ -76,9 +76,10 @@ def draw_chart(
         Name of the input that moves while others are locked; empty for a single input.
     chart
         The ground axis at which the chart touches the sphere: "x", "y" or "z". With "yes"
-        or "no" it is the one that is nearest to the pair axes of the ground.
+        or "no" it is the ground axis nearest to the middle of the pair axes of the ground.
+        ("no" leaves out columns of tables. The drawing is the same as with "yes".)
     """
-    # Indices of the ground axes that the chart has as x, y and z.
+    # The ground axes (indices 0 to 2) that are called x, y and z in the chart.
     x, y, z = chart_axes(mechanism, chart)
     with np.errstate(divide="ignore", invalid="ignore"):
         points = directions[..., [y, z]] / directions[..., [x]]
@@ -172,11 +173,12 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
     - A pole at the intersection of two great circles (`LinePole`) is one step.
     - A pole that is the common axis of several pairs is one step.
     - Poles that do not follow one by one are computed together from linear equations, as a
-      block (`BlockPoles`). A block has one step for poles that only the equations
-      determine, and one step for each pole that is also at the intersection of two great
-      circles.
+      block (`BlockPoles`). With some of these poles known, great circles determine the
+      others. So the block has one step for the poles that need the equations. Each other
+      pole has a step of its own.
     """
-    # The construction is only drawn for mechanisms with one input, which have one plan.
+    # A batch has one plan for each input. The construction is drawn only for mechanisms
+    # with one input.
     plan = batch.plans[0]
     first_steps = [step for step in plan.steps if _is_axis_of_one_pair(step)]
     is_single = len(first_steps) == 1

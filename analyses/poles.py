@@ -182,7 +182,7 @@ class Poles(AbstractAnalysis):
                 Column(
                     "error_bound",
                     "rad",
-                    "upper bound of the angular error of the axis u, caused by "
+                    "upper bound of the angular error of the pole axis u, caused by "
                     "rounding and by loops that do not close exactly",
                     scale="none",
                 ),
@@ -446,8 +446,10 @@ class Poles(AbstractAnalysis):
         show the velocity coefficients (rates of rotation per unit rate of the input).
 
         The last page shows, at one configuration, how the pole axes follow step by step
-        from the axes of the pairs (joints) by intersections of great circles. Only the
-        first block of a long motion has this page, if the status of one of its rows is OK.
+        from the axes of the pairs (joints) by intersections of great circles. This page
+        exists only if the mechanism has one input and the user wants all poles.
+        Only the first block of a long motion has the page, and only if it has a row with
+        the status OK.
         """
         pages = []
         for mode, rows in batch.assembly_mode_rows().items():

@@ -55,10 +55,11 @@ EQUAL_MAXIMUM_RATIO = 1e-9
 is reported. Smaller: rounding decides which of equal maxima is reported."""
 
 AXIS_MEANINGS = {
-    "x": "for an R pair, x is the direction, fixed in the second link, to which the pair "
-    "angle is measured; for a contact, x is the tangent",
-    "y": "for an R pair, y is fixed in the second link, perpendicular to the pair axis and "
-    "to the direction to which the pair angle is measured; for a contact, y is the normal",
+    "x": "for an R pair, x is fixed in the second link, and the pair angle is measured "
+    "from a direction in the first link to x; for a contact, x is the common tangent of "
+    "the profiles",
+    "y": "for an R pair, y is fixed in the second link, perpendicular to x and to the pair "
+    "axis; for a contact, y is the common normal of the profiles, towards the first link",
     "z": "for an R pair, z is the pair axis; for a contact, z is the line from the centre "
     "to the contact point",
 }
@@ -557,11 +558,14 @@ def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
 def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
     """Merge the summaries of two blocks of rows.
 
+    A run computes its rows in blocks. Merging leads to the summary of all rows.
+
     A summary is a mapping with mappings as some values. Both summaries have the same keys.
     Values with the same key are merged by their kind:
 
     - Row counts (keys ``rows_...``) are added.
-    - Of truth values and lists the first one is used, unless it is false or empty.
+    - Of two truth values or lists the first one is used. If it is false or empty, the
+      second one is used.
     - Other numbers are maxima, None if no value is known. The larger one is used.
     - ``pairs`` and ``bearings`` have a record of maxima for each pair (joint) or bearing.
 

@@ -316,7 +316,8 @@ class SensitivityAnalysis(AbstractAnalysis):
     def _deviation_of_key(self, sensitivity: Sensitivity) -> dict[str, float]:
         """Read the parameter `deviations`: deviations of single numbers of the file.
 
-        An example is ``links.3.arc:0.02deg``, a key and a deviation. Several of them are
+        All other sizes have a common deviation, and other numbers do not deviate. An
+        example is ``links.3.arc:0.02deg``, a key and a deviation. Several of them are
         joined by plus signs. The result has the deviations by key, those of angles in
         degrees.
 
@@ -377,7 +378,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         in the mechanism file.
 
         The table `tolerances` has a row for each row of the batch and quantity. It lists
-        how much the quantity deviates if the sizes deviate:
+        how much the quantity deviates if the sizes have the deviations that the user
+        states:
 
         - ``spread`` and ``worst`` are the standard deviation and the worst case, to first
           order. ``drawn_spread`` and ``drawn_worst`` are those of mechanisms with random
@@ -391,6 +393,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         keys = result.sensitivity.keys
         status = batch.status.copy()
         has_no_derivative = ~np.all(np.isfinite(result.gradients), axis=(0, 1))
+        # A row of the batch is ill-conditioned if any of its derivatives is not finite.
         status[(status == Status.OK) & has_no_derivative] = Status.ILL_CONDITIONED
         # Arrays (quantities, n) or (sizes, quantities, n) become columns. In the first
         # table the size changes fastest, then the quantity, then the row of the batch.
@@ -574,7 +577,12 @@ class SensitivityAnalysis(AbstractAnalysis):
         return replace(findings, warnings=warnings)
 
     def _describe_sizes(self, sensitivity: Sensitivity) -> str:
-        """Return which sizes deviate, and by how much, in words."""
+        """Return a sentence for the user about which sizes deviate, and by how much.
+
+        Sizes are numbers of the mechanism file, and a key is the name of such a number, as
+        ``links.3.arc``. All dimensions have a common deviation. The exceptions are the keys
+        in the parameter `deviations`, which have deviations of their own.
+        """
         deviations = self._size_deviations(sensitivity).worst
         deviating_keys = [
             key
@@ -582,9 +590,11 @@ class SensitivityAnalysis(AbstractAnalysis):
             if deviation > 0.0
         ]
         exceptions = []
+        # `text` is the deviation of the number `key`, as the user has written it.
         for key, text in self._deviation_texts():
+            # A text without a unit gets the angle unit of the mechanism file, if the number
+            # is an angle. Numbers of loads can be angular velocities, and get no unit.
             is_size = sensitivity.is_angle(key) and not key.startswith("loads.")
-            # A number without a unit has the angle unit of the mechanism file.
             unit = f" {sensitivity.mechanism.angle_unit}" if is_size else ""
             exceptions.append(f"{key} by {text}{unit if _is_number(text) else ''}")
         except_for = f", but {listing(exceptions)}" if exceptions else ""
@@ -731,13 +741,14 @@ def _input_samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
 def _variances_by_size(gradients: Floats, deviations: SizeDeviations) -> Floats:
     """Return the variance of each quantity that the deviation of each size causes.
 
-    To first order the variance is (derivative times standard deviation of the size)^2.
+    A size is a dimension of the mechanism, and a row a configuration. To first order the
+    variance is (derivative times standard deviation of the size)^2. The caller adds the
+    variances of all sizes, and compares them to find the sizes with the largest effect.
 
     Parameters
     ----------
     gradients
-        (sizes, quantities, rows) derivatives of the quantities with respect to the
-        sizes, in each row (configuration).
+        (sizes, quantities, rows) derivatives of the quantities with respect to the sizes.
     deviations
         Deviations of the sizes.
 

@@ -264,12 +264,12 @@ class WorkspaceAnalysis(AbstractAnalysis):
         """Return the workspaces of the requested working modes.
 
         A working mode is one of the ways to assemble the legs at a pose of the output. This
-        method converts the parameters of the analysis from texts and numbers. Angles become
-        rad. The workspaces are computed when they are first read.
+        method reads the parameters of the analysis, which are texts and numbers, and
+        converts angles to rad. The workspaces are computed when they are first read.
         """
         kinematics = closed_kinematics(mechanism, self.output or None)
-        # The workspace of a direction (`points`) has an area, that of an orientation a
-        # volume.
+        # If the output is a direction (`points`), its workspace has an area. If it is an
+        # orientation, its workspace has a volume.
         default_tolerance = AREA_TOLERANCE if kinematics.points else VOLUME_TOLERANCE
         # `limits` are ranges of pair angles, `apart` are ranges of angles between axes of
         # pairs. `near` (rad) is the least allowed distance from singularities, measured as

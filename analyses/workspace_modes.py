@@ -356,9 +356,12 @@ class WorkspaceModes:
         The area is measured with a mesh of triangles on the unit sphere. ``unresolved_sr``
         is the area (sr) of triangles with too much detail, such as borders that touch. The
         bound of the error, ``error_sr``, includes this area. ``components`` and ``holes``
-        list connected parts that are larger than this area. ``bounded_by`` names the limits
-        that are reached on the border. ``evaluations`` is the number of directions that
-        were tested.
+        list the areas of connected parts of the set, and of holes in it, if they are larger
+        than ``unresolved_sr``. ``bounded_by`` names the limits that are reached on the
+        border. ``evaluations`` is the number of directions that were tested.
+
+        If no direction is inside, ``excluding`` lists the smallest sets of limits that no
+        direction satisfies together.
         """
         record: Columns = {
             "area_sr": region.area,
@@ -370,7 +373,7 @@ class WorkspaceModes:
             "evaluations": region.evaluations,
         }
         if not region.components:
-            # Smallest sets of limits that no direction satisfies, such as limits 0 and 2.
+            # `limits` has indices of limits, such as (0, 2).
             excluding = [
                 " with ".join(self.limit_names[number] for number in limits)
                 for limits in region.excluding
@@ -519,10 +522,11 @@ class WorkspaceModes:
         return record, text
 
     def scenes(self) -> tuple[Scene, ...]:
-        """Return the pages of all modes.
+        """Return the pages of all working modes (ways to assemble the legs).
 
-        Modes with equal workspaces share the page of the workspace. Their measures of
-        singularities differ, so each mode has its own page of the singularities.
+        A page shows the workspace of a mode. Modes with equal workspaces share this page. A
+        workspace of directions also has a page with the angle to the nearest singularity.
+        Each mode has its own page of this kind, because the angles of modes can differ.
         """
         pages: list[Scene] = []
         distinct_count = sum(workspace.same_as is None for workspace in self.workspaces)

@@ -146,8 +146,9 @@ Seconds = Annotated[float, FieldUnit("rad", DURATION)]
 def field_unit_of(annotation: Any) -> FieldUnit | None:
     """Return the unit that the type annotation of a parameter states, or None without one.
 
-    The unit is a `FieldUnit` in ``Annotated``. The type may be a union with None, or a
-    tuple with items that have the unit.
+    The text of a parameter that a user writes is converted to this unit. The unit is a
+    `FieldUnit` in ``Annotated``. The annotation may also be a union or a tuple in which a
+    member has the unit, such as ``Degrees | None``.
     """
     if get_origin(annotation) is Annotated:
         for extra in annotation.__metadata__:

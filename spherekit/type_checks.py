@@ -160,12 +160,14 @@ def _is_container(value: Any, origin: Any, item_types: tuple[Any, ...]) -> bool:
     Parameters
     ----------
     value
-        The value. A text is no container here, nor is an array without dimensions.
+        The value. A text does not count as a container, nor does an array without
+        dimensions.
     origin
         The type of the container, such as `tuple` or `Mapping`.
     item_types
-        The types of the items: for a tuple of fixed length one for each item, for a mapping
-        the types of keys and of values. For other containers one type.
+        The types of the items. A tuple of fixed length has one type for each item, and a
+        mapping has the types of its keys and of its values. Other containers have a single
+        type for all items.
     """
     if isinstance(value, str | bytes) or not isinstance(value, CONTAINER_TYPES[origin]):
         return False

@@ -222,9 +222,9 @@ def test_a_spinning_shaft_is_slowed_by_its_weight_on_the_fixed_bearing():
 
     The shaft presses on the fixed bearing with m g along the axis only. So C a = -c r m g,
     with the moment of inertia C = 0.2 kg m^2, the coefficient c = 0.4 and the radius r =
-    0.05 m. The angle is w t - c r m g t^2 / (2 C). Bearings without `axial` have no
-    friction in the simulation. If both bearings float, no bearing supports the weight and
-    the simulation is refused.
+    0.05 m. From the rate w = 9 rad/s on, the angle is w t - c r m g t^2 / (2 C). Bearings
+    without `axial` support the moment only, which is 0 here, so they have no friction. If
+    both bearings float, no bearing supports the weight and the simulation is refused.
     """
     weight = sk.Gravity("weight", (0.0, 0.0, -10.0))
     bearings = sk.Bearings(

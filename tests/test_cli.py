@@ -237,10 +237,11 @@ SERVED_LONG = [
 @pytest.mark.slow
 @pytest.mark.parametrize("words", SERVED_LONG)
 def test_a_long_run_prints_its_address_before_it_computes(words):
-    """Viewers can connect while a run, which takes minutes, is at work.
+    """Viewers can connect to a run of several minutes while it is at work.
 
-    `start_serving_run` starts the command in another process. Interrupted on the way, it
-    exits with 130.
+    `start_serving_run` starts the command in another process. The test connects to the
+    printed address, and then interrupts the command as Ctrl-C does. The exit status must
+    be 130.
     """
     process, port = start_serving_run(*words)
     try:

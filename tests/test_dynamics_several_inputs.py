@@ -81,8 +81,8 @@ def test_simulations_of_several_inputs_satisfy_euler_s_equations(name, engine, u
 
     `check_simulated_motion` solves these equations with all reactions, independently of
     spherekit. The first input is driven by 5 sin(2 t) - 0.5 rate N m, the others are free.
-    At 1.588 s the five-bar passes a configuration in which its inputs do not hold it (type
-    II).
+    At 1.588 s the five-bar passes a singularity of type II, in which it could move with
+    locked inputs. `until` is the end of the simulation (s).
     """
     mechanism = with_point_masses(name)
     driven, *free_inputs = [item.pair for item in mechanism.inputs]

@@ -322,8 +322,9 @@ def test_a_rotation_ends_where_a_leg_reaches_no_farther():
     this angle. The elbow of a leg, between its two links, must lie in the mid-plane.
     `has_all_elbows` says whether all legs can have such an elbow.
 
-    Vectors are in mirror axes, which are fixed to the base. The matrix `form.frame` turns
-    them into the axes of the base itself.
+    The axis and the normals of mid-planes are in mirror axes, the coordinate axes of the
+    closed form. They are fixed to the base, but differ from the axes of its file. The
+    matrix `form.frame` transforms vectors from mirror axes to those of the base.
     """
     form = mid_plane_form(sk.load("two_dof_spm"))
     largest_angle = 3.0
@@ -351,6 +352,7 @@ def test_a_rotation_ends_where_a_leg_reaches_no_farther():
             first_angle_beyond = sampled_angles[first_sample_beyond]
         else:
             first_angle_beyond = largest_angle
+        # `reached` is the angle (rad) up to which the legs can follow.
         assert first_angle_beyond - spacing - 1e-9 <= rotation.reached
         assert rotation.reached <= first_angle_beyond + 1e-9
     assert ended_rotations > 1
@@ -549,11 +551,11 @@ def test_page_of_a_rotation_draws_axis_path_and_mid_planes(table_3, listener):
     the axis. Base and platform are mirror images of each other in the mid-plane, which
     contains the axis. At the type II singularity the inputs do not hold the platform. It is
     marked on the path (``lost``), in the plots over theta (``marks/lost``) and in the text
-    (``words``), at the angle that the warning has.
+    (``words``). The marked angle is the one that the warning states.
     """
     scene, row_count = listener.last_scene("Equivalent rotation")
     assert row_count == 4
-    # `over` has the quantities over which the page plots its values: the angle theta.
+    # `over` has the quantities of the horizontal axes of plots: here only the angle theta.
     (theta,) = scene.over
     assert len(theta.values) == row_count
     primitives = {primitive.path: primitive for primitive in scene.primitives}

@@ -117,8 +117,8 @@ def test_evaluate_gives_the_error_bounds_of_the_table_of_poles(name, inputs, ass
         rows = rows.sort_values(["assembly_mode", "sample"])
         for bound_name in BOUNDS:
             bound = getattr(evaluation, bound_name)(pole)[is_ok]
-            # A single row is computed by other code than several rows. Rounding errors,
-            # of which the bounds consist, then differ, and bounds agree only in size.
+            # A single row is computed by other code than several rows. Its rounding errors
+            # differ, and the bounds depend on them. So bounds agree only in size.
             np.testing.assert_allclose(bound, rows[bound_name], rtol=0.5, atol=1e-13)
         direction_dq = evaluation.direction_dq(pole)[is_ok]
         np.testing.assert_allclose(
@@ -199,10 +199,16 @@ def rippled_cam():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["twelve_bar", "rippled cam"])
 def test_kantorovich_numbers_include_all_second_derivatives_of_the_loops(name):
-    """h is at least |F''| |J^+|^2 |F|, with F'' by finite differences of the Jacobian J.
+    """Kantorovich numbers are not too small, so that error bounds from them are safe.
 
-    F is the opening of all loops by rounding: (2 + m) EPS about each of three axes of each
-    loop, of up to m variables. |F''| is at least its norm along any single variable.
+    If the Kantorovich number h of a row is at most 1/2, exactly one closed configuration is
+    near that of the row. h must be at least |F''| |J^+|^2 |F|. F are the equations of all
+    loops, and J is their Jacobian for the passive variables.
+
+    - |F|: rounding opens each loop by up to (2 + m) EPS about each of three axes, if the
+      longest loop has m variables.
+    - |F''|: J is differentiated by finite differences, with respect to one variable after
+      the other. The largest norm of these derivatives is a lower limit of |F''|.
     """
     mechanism = rippled_cam() if name == "rippled cam" else sk.load(name)
     position_analysis = PositionAnalysis(mechanism, samples=13)

@@ -62,6 +62,10 @@ def c_results(path, exported_formulas, row, q, language):
     dyads (pairs of links). The function `smooth_mode` of the source returns the signs that
     a mode has at an input. C++ functions are wrapped in C ones, and the library is called
     for each input.
+
+    The arguments of the formulas are arrays of the input, the signs and the sizes. Sizes
+    are numbers of the mechanism that the caller may change. No such numbers were chosen in
+    these tests, so the array of sizes is never read.
     """
     name = exported_formulas.mechanism.name
     if language == "cpp":
@@ -78,15 +82,16 @@ def c_results(path, exported_formulas, row, q, language):
     library = compile_shared_library(path, language)
     smooth_mode = library[f"{name}_smooth_mode"]
     function = library[name]
-    # An array that is long enough for the input, the signs and the sizes. The sources have
-    # no sizes as arguments, so those are not read.
-    numbers = ctypes.c_double * 64
+    # Type of an array of 64 numbers, which are 0 unless given. One input needs one number,
+    # and the signs need one for each dyad, so 64 are enough for both.
+    long_array = ctypes.c_double * 64
+    unread_sizes = long_array()
     columns = []
     for value in q.tolist():
-        mode = numbers()
+        signs = long_array()
         result = (ctypes.c_double * len(exported_formulas.results))()
-        smooth_mode(ctypes.c_int(row), ctypes.c_double(value), mode)
-        function(numbers(value), mode, numbers(), result)
+        smooth_mode(ctypes.c_int(row), ctypes.c_double(value), signs)
+        function(long_array(value), signs, unread_sizes, result)
         columns.append([*result])
     return np.array(columns).T
 

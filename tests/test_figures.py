@@ -494,7 +494,11 @@ def run_with_axodes(pair):
 
 @dataclass(frozen=True)
 class AnalysisWithoutScene(MinimalAnalysis):
-    """An analysis with one table and no scene; its column is sin q + number of the mode."""
+    """An analysis whose column is sin q + number of the mode.
+
+    A scene says what the figures of an analysis show. This analysis defines none, so the
+    columns of its table are drawn.
+    """
 
     name: ClassVar[str] = "bare"
     rowwise: ClassVar[bool] = True
@@ -521,7 +525,11 @@ def test_an_analysis_without_a_scene_has_its_columns_drawn_over_blocks():
 
 @dataclass(frozen=True)
 class AnalysisOfTwoInputs(MinimalAnalysis):
-    """An analysis without a scene, whose table has a column for each input of a run."""
+    """An analysis with a column v, and a column for each of two inputs of a run.
+
+    A scene says what the figures of an analysis show. This analysis defines none, so the
+    columns of its table are drawn, except for the inputs.
+    """
 
     name: ClassVar[str] = "bare"
     rowwise: ClassVar[bool] = True

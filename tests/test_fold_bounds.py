@@ -51,7 +51,8 @@ def check_angles_at_singularities(mechanism, path):
         return 0
     rows = motion.rows(row_numbers)
     assert np.all(rows.configuration_error <= MAX_SINGULAR_ANGLE_ERROR_RAD)
-    # Deviations from the exact solution at the input of the row, NaN if there is none.
+    # Deviations from the exact solution at the input of the row. At a dead centre rounding
+    # can move the input to where no solution exists; the deviation is NaN there.
     deviation = deviations(rows)
     has_solution = np.isfinite(deviation)
     assert np.all(deviation[has_solution] <= rows.configuration_error[has_solution])

@@ -346,9 +346,14 @@ def test_stored_functions_have_their_source(tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(not GCC, reason="no C compiler")
 def test_sources_of_stored_functions_count_turns(tmp_path):
-    """Pair variables grow by a turn in each period, and with them the torque of a spring.
+    """Exported C code of a reduced model counts the turns of the input.
 
-    At 1 rad + 1 turn a spring of 3 N m/rad with rest at zero has 3*(1 + 2 pi) N m.
+    The model stores functions of the input over one period. In each further period the
+    variable of the driven pair grows by a turn, and with it the torque of its spring: at
+    1 rad + 1 turn, a spring of 3 N m/rad with rest at zero has 3*(1 + 2 pi) N m.
+
+    The code returns the stored functions and, as the last result, the driving torque. The
+    model in Python is the reference.
     """
     loads = (sk.Spring("coil", "21", stiffness=3.0, rest=0.0),)
     mechanism = replace(sk.load("four_bar"), loads=loads)
@@ -358,13 +363,16 @@ def test_sources_of_stored_functions_count_turns(tmp_path):
     names = [function.name for function in model.heading.groups[0]]
     function = c_function(source_path, "four_bar", len(names) + 1, "c")
     q = np.array([1.0, 1.0 + 2.0 * np.pi, *np.linspace(-20.0, 20.0, 41)])
-    rest = np.zeros_like(q)
-    none = np.zeros((0, len(q)))
-    columns = function(np.array([q, rest, rest, rest]), none, none)
-    assert columns[-1][:2] == pytest.approx([3.0, 3.0 * (1.0 + 2.0 * np.pi)], rel=1e-12)
-    assert columns[-1] == pytest.approx(model.torque(q, 0.0, 0.0, 0.0), rel=1e-11)
+    rate = acceleration = time = np.zeros_like(q)
+    # The code has no arguments that select the assembly mode or change sizes.
+    no_arguments = np.zeros((0, len(q)))
+    *functions, torque = function(
+        np.array([q, rate, acceleration, time]), no_arguments, no_arguments
+    )
+    assert torque[:2] == pytest.approx([3.0, 3.0 * (1.0 + 2.0 * np.pi)], rel=1e-12)
+    assert torque == pytest.approx(model.torque(q, 0.0, 0.0, 0.0), rel=1e-11)
     stored = model.functions(names, q).T
-    assert columns[:-1] == pytest.approx(stored, rel=1e-11, abs=1e-11)
+    assert np.array(functions) == pytest.approx(stored, rel=1e-11, abs=1e-11)
 
 
 @pytest.mark.slow

@@ -433,13 +433,13 @@ def test_the_example_in_the_help_of_the_package_runs(tmp_path, monkeypatch, caps
     names = {}
     exec(sk.__doc__[sk.__doc__.index("import numpy") :], names)
     # The printed plan says how poles (axes of relative rotation) of two links are found.
-    # This is the row of link 1, with columns for the links 1 to 4. x is the axis of a pair,
-    # I a pole that is found in the first pass.
+    # This is the row of link 1, with columns for the links 1 to 4. An "x" stands for a pole
+    # that is the axis of a pair, and an "I" for a pole that the first pass finds.
     assert "1  ■  x  I  x" in capsys.readouterr().out
     row = names["here"]
     rows = names["turn"]
     arcs = arcs_with_crank(math.radians(25.0))
-    # `closed_form_mode` returns the number of the mode in the closed form.
+    # The closed form numbers modes in its own way. `closed_form_mode` returns this number.
     _, expected_at_rows = four_bar_coefficients(rows.q, arcs, closed_form_mode(rows, arcs))
     assert len(rows.q) == 50
     coefficients = rows.velocity_coefficient("4/1")  # of link 4 relative to link 1

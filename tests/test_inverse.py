@@ -543,28 +543,43 @@ def test_a_mechanism_with_a_bar_wants_a_start():
 
 
 def test_the_jacobian_has_a_column_of_zeros_where_an_input_moves_a_resting_output():
-    """A stretched leg of `three_rrr` stops the output, and the other columns are regular.
+    """The input of a stretched leg of `three_rrr` does not move the output.
 
-    Pair c1 moves to the arc crank + coupler from pair a1 by a rotation about the normal of
-    both. The least margin is 0 then, `type_1` of the first input is 0, and its normal is
-    still a unit vector. The columns of the other inputs are perpendicular to the normals of
-    their neighbours, by the definition of a normal.
+    Three legs carry the platform, which is the output. Leg 1 is a crank, driven at pair a1,
+    and a coupler, which pair c1 joins to the platform. Here the arc from a1 to c1 is crank
+    + coupler, so leg 1 is stretched. Its direction, and the turn of the platform about c1,
+    are random.
+
+    Column i of the Jacobian is the angular velocity of the platform while only input i
+    moves, at the rate 1. The normal n_i of input i is a unit vector. While input i is
+    locked, all possible angular velocities are perpendicular to n_i. So the product of the
+    normals (rows) and the Jacobian is a diagonal matrix. By definition, `type_1` is its
+    diagonal.
+
+    For the stretched leg `type_1` and the column are 0. The normal and the other columns
+    must still be right.
     """
     mechanism = sk.load("three_rrr")
     frames = pair_frames(mechanism)
     sizes = mechanism.geometry.links
     ground_axis = frames["a1"][0][:, 2]
     stretched_arc = sizes["crank1"].arcs[0] + sizes["coupler1"].arcs[0]
-    turned_axes = []
+    platform_axis = frames["c1"][1][:, 2]
+    poses = []
     for rotation in random_rotations(200, 21):
-        normal = np.cross(ground_axis, rotation[:, 0])
-        vector = stretched_arc * normal / np.linalg.norm(normal)
+        # The rotation is only a source of a random direction and a random angle.
+        random_direction = rotation[:, 0]
+        random_angle = rotation[0, 0] * np.pi
+        # The axis of c1 is the axis of a1, rotated by the stretched arc within the plane of
+        # the axis of a1 and the random direction.
+        plane_normal = np.cross(ground_axis, random_direction)
+        vector = stretched_arc * plane_normal / np.linalg.norm(plane_normal)
         axis = Rotation.from_rotvec(vector).apply(ground_axis)
-        platform_axis = frames["c1"][1][:, 2]
         alignment, _ = Rotation.align_vectors([axis], [platform_axis])
-        spin = Rotation.from_rotvec(rotation[0, 0] * np.pi * axis)
-        turned_axes.append((spin * alignment).as_matrix())
-    inverse = sk.InverseKinematics(mechanism).at(turned_axes, normals=True)
+        spin = Rotation.from_rotvec(random_angle * axis)
+        poses.append((spin * alignment).as_matrix())
+    inverse = sk.InverseKinematics(mechanism).at(poses, normals=True)
+    # Due to rounding, `type_1` of the stretched leg is exactly 0 at some poses only.
     is_exact = (inverse.status == Status.AT_SINGULARITY) & (inverse.type_1[..., 0] == 0.0)
     assert np.any(is_exact)
     normals = inverse.normals[is_exact]
@@ -578,14 +593,19 @@ def test_the_jacobian_has_a_column_of_zeros_where_an_input_moves_a_resting_outpu
 
 @pytest.mark.slow
 def test_the_type_ii_measure_belongs_to_the_poses_of_the_call():
-    """The measure is computed later, but a change of the caller's array has no effect."""
+    """The result `type_2` does not change if the caller changes its arrays after the call.
+
+    `type_2` measures how near each pose is to a singularity of type II. It is computed only
+    when it is first read, when the caller may have changed the arrays of the call.
+    """
     kinematics = sk.InverseKinematics("three_rrr")
     poses = random_rotations(5, 22)
     expected = kinematics.at(poses.copy()).type_2
     inverse = kinematics.at(poses)
     poses[:] = np.roll(poses, 1, axis=0)
     assert np.array_equal(inverse.type_2, expected, equal_nan=True)
-    # The wrist of two inputs also starts Newton's method at orientations of the caller.
+    # In this mechanism the caller also gives `near`, the orientations from which Newton's
+    # method starts.
     kinematics = sk.InverseKinematics("two_dof_spm")
     starts = random_rotations(5, 23)
     directions = pointing(np.radians([[60.0, 40.0]] * 5))

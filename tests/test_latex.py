@@ -620,22 +620,34 @@ def test_a_name_of_two_quantities_stands_for_both(tmp_path):
 
 
 def test_all_links_and_omitted_loads_are_listed(tmp_path):
+    """The document lists all 14 links and all 19 omitted loads.
+
+    The formulas omit the friction of bearings, because it depends on reactions in pairs. A
+    long list must not be cut and end with, for example, "and 5 more".
+    """
     text = (MECHANISMS / "twelve_bar.toml").read_text()
     names = ["2", "p13", "q14", "11"]  # another dyad, between the links 2 and 11
     text += "[links.p13]\n[links.q14]\n"
-    for pair, (a, b) in enumerate(pairwise(names)):
-        text += f'[pairs.n{pair}]\ntype = "R"\nlinks = ["{a}", "{b}"]\n'
-        text += f"lonlat = [{20.0 * pair}, {30.0 - 25.0 * pair * pair}]\n"
+    for number, (first_link, second_link) in enumerate(pairwise(names)):
+        text += f'[pairs.n{number}]\ntype = "R"\n'
+        text += f'links = ["{first_link}", "{second_link}"]\n'
+        # Longitude and latitude (deg) of the axis. Other axes would do as well.
+        text += f"lonlat = [{20.0 * number}, {30.0 - 25.0 * number * number}]\n"
     path = tmp_path / "fourteen.toml"
     path.write_text(text)
     mechanism = sk.load(path)
+    # Every pair has two bearings with friction: their positions along the axis (m), their
+    # radius (m) and the coefficient of friction. The values have no influence on the lists.
     bearings = [
         sk.Bearings(f"b{pair.name}", pair.name, (0.1, 0.2), 0.01, 0.1)
         for pair in mechanism.pairs
     ]
     text = latex(mechanism.with_loads(*bearings), ["torque"])
+    # Both lists are there up to their last entries.
     assert "13 is p13, 14 is q14; the first is the ground" in text
-    assert "bn2 depends on reactions" in text and "more" not in text
+    assert "bn2 depends on reactions" in text
+    # No list was cut.
+    assert "more" not in text
 
 
 def test_long_sums_break_between_summands():

@@ -84,8 +84,9 @@ def test_rates_of_a_table_integrate_to_its_angles(rest_at_ends):
 
     The law has a quintic polynomial between any two times of the table. Over each interval,
     the integral of the rate is the difference of the angles, and the integral of the
-    acceleration that of the rate. Gauss's rule of four points is exact for these. With
-    `rest_at_ends`, rate and acceleration are zero at both ends, otherwise they are not.
+    acceleration that of the rate. Gauss's rule of four points integrates them exactly, as
+    it does polynomials up to degree 7. With `rest_at_ends`, rate and acceleration are zero
+    at both ends, otherwise they are not.
     """
     random = np.random.default_rng(5)
     angles = tuple(random.normal(size=TIMES_S.size).tolist())

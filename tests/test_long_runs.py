@@ -507,8 +507,9 @@ def test_csv_has_no_negative_zero(tmp_path):
 class AnalysisWithTexts(MinimalAnalysis):
     """An analysis with a table of texts that CSV has to quote, and two further tables.
 
-    It tests how tables are written. One further table has no column of assembly modes, and
-    the other one has no rows. If `plain` is True, the texts need no quotes.
+    It tests how tables are written. The table "plain" has no column of assembly modes, and
+    the table "empty" has no rows. The parameter `plain` does not refer to the table
+    "plain". If it is True, the texts of the table "words" need no quotes.
     """
 
     name: ClassVar = "words"
@@ -525,13 +526,17 @@ class AnalysisWithTexts(MinimalAnalysis):
     def compute(self, batch):
         """Return the columns of the three tables for a block of samples.
 
-        The texts are not in alphabetical order. The text changes after every five samples,
-        so that later blocks of a run have texts that are new there.
+        The frame of a table stores the distinct texts in alphabetical order. Here they
+        first occur in another order. If both orders were mixed up, rows would get wrong
+        texts, and tests with this analysis would fail. The text changes after every five
+        samples, so that later blocks of a run have texts that are new there.
         """
+        # `plain` says whether the texts of the table "words" need no quotes in CSV. The
+        # table "plain" has no texts.
         if self.plain:
             texts = ["b", "a", "zz"]
         else:
-            texts = ['a "b"', "c,d", "é\nf", " a"]  # CSV has to quote these
+            texts = ['a "b"', "c,d", "é\nf", " a"]
         column = []
         for sample in batch.sample.tolist():
             number = sample // 5 % len(texts)
@@ -698,7 +703,7 @@ def test_an_analysis_of_all_samples_is_not_resumed(tmp_path):
     and its table has a row for each of them in both assembly modes (ways to assemble the
     links).
     """
-    # It interrupts after the first block, although this is the last one too.
+    # The samples form a single block. With `is_last` the run is interrupted after it.
     interrupt = interrupt_after(1, is_last=True)
     with pytest.raises(KeyboardInterrupt) as error:
         sk.run(

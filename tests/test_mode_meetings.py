@@ -130,8 +130,8 @@ def compare_with_proof(count, seed):
     `find_contradictions`).
 
     The curves of each four-bar cross in a flat configuration (a change point), in which all
-    axes lie on one great circle. The zero position of the pairs is varied, so that their
-    angles are 0 or 180 deg in the flat configuration.
+    axes lie on one great circle. Each four-bar counts the angles of its pairs from a zero
+    position drawn at random: they are 0 or 180 deg in the flat configuration.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def compare_with_proof(count, seed):
         try:
             contradictions, named_count = find_contradictions(text, low, high)
         except SpherekitError as problem:
-            # This four-bar closes at no input that was tried; another one is drawn.
+            # The run found no input at which this four-bar closes. Another one is drawn.
             assert "arcs cannot close" in str(problem)
             continue
         assert not contradictions, (arcs, low, high, contradictions)
@@ -331,7 +331,7 @@ def test_followed_curve_agrees_with_the_smooth_mode():
     all angles 0. With `crossings="pass"` a mode goes through the crossing smoothly. Its
     samples 4 and 5 are just before and after the crossing.
 
-    `follow_arc` follows the curve of configurations from sample 4 without knowing modes. It
+    `follow_arc` knows no modes: it follows the curve of configurations through sample 4. It
     stops before the crossing, where the tangent is not unique, but within 0.05 rad. Slopes
     are the changes of all angles per change of the input, as difference quotients. The
     slopes of curve and mode agree to 5e-3.

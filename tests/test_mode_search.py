@@ -286,7 +286,9 @@ def test_the_group_that_does_not_close_is_named_after_groups_that_do():
         else pair
         for pair in cams.pairs
     ]
-    with pytest.raises(SolveError, match="of pairs 15, 35 did not close from any start"):
+    with pytest.raises(
+        SolveError, match="with the pairs 15, 35 could not be assembled from any start"
+    ):
         sk.trace(replace(cams, pairs=tuple(pairs)), samples=3)
 
 
@@ -333,8 +335,8 @@ def test_a_search_counts_the_configuration_curves(name, input_pair, low, high):
             "67",
             -3.0,
             -2.95,
-            "dyad of pairs 14, 23, 34 did not close; change the axes of its pose or the "
-            "range",
+            "dyad with the pairs 14, 23, 34 could not be assembled; change the axes of its "
+            "pose or the range",
         ),
     ],
 )

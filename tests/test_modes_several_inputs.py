@@ -167,8 +167,8 @@ def run_command(folder, *arguments):
         Content of `summary.json`.
     configurations
         For each sample number a list of configurations, one for each valid row of
-        `motion.csv`. A configuration is the complex numbers `exp(i theta)` of all pair
-        angles.
+        `motion.csv`. A configuration is the array of the complex numbers `exp(i theta)` of
+        all pair angles, which are the same for angles that differ by whole turns.
     """
     assert main(["run", *map(str, arguments), "--out", str(folder)]) == 0
     configurations = {}
@@ -203,8 +203,8 @@ def test_a_run_writes_every_configuration_of_a_sample_once(
     """`motion.csv` has as many rows of a sample as an independent count, none twice.
 
     `count_platform_configurations` solves the polynomial equations of the 3-RRR platform at
-    the same samples. It is -1 where in doubt; at least 80 % of the samples must remain.
-    `run_command` runs the command and reads its rows.
+    the same samples. Its count is -1 at samples where it is in doubt, which are left out.
+    More than 80 % of the samples must remain.
 
     Parameters
     ----------

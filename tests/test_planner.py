@@ -84,15 +84,17 @@ def test_shipped_eight_bars_are_the_sixteen_chains():
 
 
 def test_two_eight_bars_need_a_pole_from_rates():
-    """Great circles give all poles of 14 eight-bars; two others need a pole from rates.
+    """Great circles give all poles of 14 eight-bars; two others need velocity equations.
 
     A pole is the axis of the relative rotation of two links. Ten of the 28 poles of an
     eight-bar are axes of pairs. The other 18 follow in passes. The steps of a pass
     intersect great circles through poles of earlier passes (Aronhold-Kennedy theorem).
 
     In the double butterfly (number 9) no great circles give any of the 18 poles. In the
-    single flier (6) they give two. The plan lists the rest as a block. One pole of the
-    block, the opening pole, is computed from rates. Then great circles give the others.
+    single flier (6) they give two. The plan lists the rest as a block, which is computed
+    from the velocity equations of the loops. A display of the plan also shows how great
+    circles would give the block if one of its poles, the opening pole, were known. These
+    steps are checked here.
     """
     # Number of the eight-bar, and number of poles in its block.
     blocks = []

@@ -132,7 +132,7 @@ def test_a_plate_on_three_discs_has_the_modes_of_the_same_plate_on_three_bars(in
     with the proof, accepts both certificates. The real modes are the same in some order.
     The files count joint angles from different zero directions, so the differences of
     angles between modes are compared. `internal` is the name of the contact in which one
-    disc is inside the other, or empty. The input is at 40 deg.
+    disc is inside the other; it is empty if there is none. The input is at 40 deg.
     """
     modes_of_discs = prove_modes(plate(internal), "40")
     modes_of_bars = prove_modes(bars(internal), "40")

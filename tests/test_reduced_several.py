@@ -70,11 +70,8 @@ def test_stored_torques_inertia_and_forces_are_those_of_inverse_dynamics(
 ):
     """A stored model of a five-bar gives the numbers of inverse dynamics at random states.
 
-    A stored model has the equations of motion as functions of the inputs. A state has
-    inputs q, rates dq, accelerations ddq and a time t. Compared are driving torques, the
-    inertia matrix, generalised forces of the loads, and accelerations that follow from
-    torques. `loaded_five_bar` is the mechanism, `stored_model` its model, and
-    `inverse_dynamics_at` the reference.
+    A stored model has the equations of motion as functions of the inputs. Driving torques,
+    the inertia matrix, forces of the loads and accelerations are compared.
     """
     model = stored_model
     # The model exists in the whole box of the input ranges.

@@ -432,9 +432,10 @@ def test_condition_numbers_are_those_of_the_jacobian_of_inverse_kinematics(name)
 def test_singular_values_by_expressions_are_those_of_lapack(columns):
     """Singular values by symbolic expressions agree with LAPACK.
 
-    There are 20000 random 3 x 2 or 3 x 3 matrices. Columns of every second matrix have
-    sizes down to 1e-4; the first three matrices are orthogonal, of rank 1, and zero. The
-    tolerance is about 13 roundings of the largest value.
+    The condition number of an output's Jacobian is computed from these expressions. There
+    are 20000 random 3 x 2 or 3 x 3 matrices. Columns of every second matrix have sizes down
+    to 1e-4; the first three matrices are orthogonal, of rank 1, and zero. The tolerance is
+    about 13 roundings of the largest value.
     """
     count = 20000
     random = np.random.default_rng(4)

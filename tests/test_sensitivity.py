@@ -188,7 +188,7 @@ def test_tolerances_of_the_analysis_follow_from_its_derivatives():
     - `share`: its squared contribution as a part of the squared spread,
     - `drawn_spread`: the spread of 64 random mechanisms, which agrees to ten percent.
     """
-    # The analysis keeps to the rules for plugins.
+    # `conformance` checks that the analysis follows the rules for plugins.
     assert conformance("sensitivity:draws=16", mechanisms=["four_bar"], samples=5)
     run = sk.run("four_bar", "sensitivity:by=links.2.arc+links.4.arc,draws=64", samples=9)
     tolerances = run.frame("sensitivity", "tolerances")

@@ -202,20 +202,24 @@ def test_a_place_at_both_ends_of_a_turn_is_listed_once():
 
 
 def check_points(position_analysis, points, kind):
-    """Assert that singular points are closed, and of type II if they say so.
+    """Check the points that a search for singular configurations has found.
 
-    Their flags `inside` must say whether the inputs are within their ranges.
+    All loops must be closed at each point. If the search was for type II, each point must
+    be singular of this type. The flags `inside` must say whether the inputs are within
+    their ranges.
 
     Parameters
     ----------
     position_analysis
         The mechanism with its solver.
     points
-        Configurations on curves or on a surface. `values` are all pair variables (rad). The
-        angles of inputs in it may differ by whole turns from `inputs` (rad).
+        Configurations on singular curves or on a singular surface. `values` are all pair
+        variables (rad). The angles of inputs in them may differ by whole turns from
+        `inputs` (rad).
     kind
-        "I" or "II". At type II the columns of the passive pairs (all but the inputs) in the
-        loop equations are linearly dependent. Type I is not compared.
+        Type of the search, "I" or "II". At type II the columns of the passive pairs (all
+        but the inputs) in the Jacobian of the loops are linearly dependent. Type I is not
+        checked.
     """
     mechanism = position_analysis.mechanism
     solver = position_analysis.solver

@@ -223,8 +223,8 @@ def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
     plane at the inputs 0 and 180 deg, which are singularities of type III. Here the base is
     10^-power rad too long: 1e-8 or 1e-12 rad. The mechanism then has two singularities of
     type I close to the input 0, and two of type II close to 180 deg. At 1e-8 rad these
-    types must be found. At 1e-12 rad rounding does not allow that, and each row must say
-    type III, not certain, undecided.
+    types must be found. At 1e-12 rad rounding does not allow that. Each row must then have
+    type III, the word "no" in the column `certain`, and "undecided" in its note.
     """
     arcs_deg, *_ = FOLDING["parallelogram"]  # base, crank, coupler and rocker
     arcs = np.radians(arcs_deg)
@@ -241,6 +241,7 @@ def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
     assert set(frame["kind"]) == {"III"}
     assert set(frame["certain"]) == {"no"}
     assert all("undecided within tolerance" in words for words in frame["note"])
+    # The samples at 0, 180 and 360 deg are singular within rounding.
     assert "AT_SINGULARITY" in set(relation["status"].astype(str))
 
 

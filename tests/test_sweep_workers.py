@@ -275,14 +275,14 @@ Each death leaves a file in the folder `mark`, so that their number can be limit
 def end_processes(tmp_path, monkeypatch):
     """Return a function by which worker processes of a sweep end themselves.
 
-    A sweep is divided into parts of some designs each, which worker processes compute. A
-    process ends itself when it is about to write a certain part. For this a file
-    `sitecustomize.py` is written, which Python imports whenever a process starts. It
-    replaces the method that writes a part (`ENDING`).
+    Worker processes compute a sweep in numbered parts of some designs each. A process ends
+    itself just before it writes the part with the requested number. For this a file
+    `sitecustomize.py` is written, which Python imports whenever a process starts. Its text
+    `ENDING` replaces the method that writes a part.
 
     The arguments of the function are how often a process ends ("once", "twice", "always"),
-    the number of the part, and the name of the signal. It returns a folder with a file for
-    each process that ended.
+    the number of the part, and the name of the signal. The function returns a folder, in
+    which each process that ends itself leaves a file.
     """
 
     def install(mode, number=0, signal_name="SIGKILL"):

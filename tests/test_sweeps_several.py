@@ -150,8 +150,8 @@ def test_torques_of_several_inputs_in_a_sweep_are_those_of_the_dynamics(tmp_path
     """The largest torque of each input in a sweep is that of the analysis `dynamics`.
 
     Both inputs of a five-bar turn at constant speeds for 1 s. The sweep compares two values
-    of the mass of link 4. It also computes elements of the inertia matrix (`B_...`), which
-    are only required to be computable here.
+    of the mass of link 4. It also computes elements of the inertia matrix (`B_...`), but
+    their values are not compared here.
     """
     # The shipped file ends with its masses and loads, which are replaced by `MASSES`.
     path = tmp_path / "acted.toml"

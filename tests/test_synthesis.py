@@ -669,7 +669,11 @@ def test_a_condition_without_columns_holds_in_all_rows(tmp_path):
 
 @pytest.mark.slow
 def test_designs_of_a_front_meet_conditions_that_exclude_equality(tmp_path):
-    """Many designs close at all samples, which ``closes < 1`` excludes."""
+    """No design of a Pareto front has ``closes = 1`` if the condition is ``closes < 1``.
+
+    `closes` is the fraction of samples at which a design can be assembled. It is exactly 1
+    for many designs that vary these sizes, so equality has to be excluded.
+    """
     path = tmp_path / "front.toml"
     path.write_text(
         """

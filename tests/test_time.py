@@ -420,6 +420,7 @@ def test_the_phase_portrait_of_a_recording_is_drawn_to_its_scales(simulation_rec
         ticks = [line[0, axis] for line in lines if line[0, axis] == line[1, axis]]
         tick_labels = texts[: len(ticks)]
         assert texts[len(ticks)].removeprefix("up: ") == title
+        # The texts of the other axis remain.
         texts = texts[len(ticks) + 1 :]
         assert len(ticks) >= 3
         tick_values = [float(text.replace("\u2212", "-")) for text in tick_labels]

@@ -406,13 +406,16 @@ def test_angles_that_drift_are_noticed_in_an_analysis_of_whole_motions(monkeypat
 
 @pytest.mark.parametrize("tolerance_rad", [1e-3, 1e-6])
 def test_errors_of_a_simulation_are_within_what_it_states(tolerance_rad):
-    """Rows of a simulation deviate from 50 digits by no more than the run states.
+    """The errors of a simulation are not larger than the errors that its run states.
 
-    Loops of a simulation stay open by its tolerance, not by rounding. The verification
-    allows for that: no column is "beyond" its tolerance, although the worst row is off by
-    more than 1e4 times rounding. Pole directions (axes of relative rotation) are within the
-    error bounds that the run states. The stated error of configurations has the size of the
-    tolerance, here at most ten times that. Six rows are verified.
+    To verify six rows, the run computes them again with 50 digits. In this reference the
+    loops are closed, but in a simulation they stay open by up to its tolerance. So a row
+    deviates from the reference by more than 1e4 times the rounding error. The verification
+    allows for open loops, and lists no column as "beyond" the deviation that is allowed.
+
+    Pole directions (axes of relative rotation) are within the error bounds that the run
+    states. The error of configurations that the run states is larger than their deviation,
+    and at most ten times the tolerance of the simulation.
     """
     summary = sk.run(
         sk.load("four_bar"),

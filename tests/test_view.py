@@ -118,7 +118,8 @@ def record_both_modes(path, blocks=1, arcs=FOUR_BAR_ARCS, **destinations):
     path
         Path of the recording, a file of the viewer Rerun.
     blocks
-        Number of equal blocks, or the samples at which a new block begins.
+        Number of blocks of equal size, or a list of the samples with which the second and
+        all later blocks begin.
     arcs
         Arcs (4,) of the four-bar in rad.
     destinations

@@ -69,15 +69,18 @@ def test_all_modes_of_a_linkage_on_wheels_are_found(tmp_path):
 def test_wheels_of_an_irrational_ratio_never_return(tmp_path):
     """The period of an input is infinite if its wheels never return to their positions.
 
-    The cranks of this five-bar have smooth wheels with an irrational ratio. Inputs that
-    differ by whole turns then have different configurations, which must not be counted
-    together. Each input has at most two, the ways to assemble the couplers.
+    The cranks of this five-bar have smooth wheels with an irrational ratio. At two inputs
+    that differ by a whole turn, the right crank therefore has different positions. The
+    range of the input is two turns. A sample must have only the configurations of its own
+    input, and not those at the input that is one turn away. Each sample has at most two
+    configurations, because there are two ways to assemble the couplers.
 
     The left wheel is a cone with the half angle 57 deg. That of the right wheel is the rest
     of the arc of 75 deg between both axes. On the unit sphere, the circle of the left wheel
     has the radius sin(57 deg) about its axis. So the length that the wheels have rolled,
-    the variable of the pair `mesh`, changes by this radius per rad of the input; its sign
-    is negative.
+    the variable of the pair `mesh`, changes by this radius per rad of the input. The length
+    decreases as the input increases: while the left wheel turns forwards, the point of
+    contact moves backwards along its circle.
     """
     path = tmp_path / "irrational.toml"
     text = FIVE_BAR.replace("teeth = [{0}, {1}]", "half_angles = [57.0]")

@@ -711,7 +711,13 @@ def pan_and_tilt_with_resting_links(inputs):
 
 
 def test_links_that_never_move_do_not_prevent_a_workspace():
-    """The output is at 70 deg - u to 70 deg + u from the pan axis, with cos u = 0.8."""
+    """A pan and tilt has its usual workspace if other links, which never move, are added.
+
+    The rod and the rocker of `pan_and_tilt_with_resting_links` are these links. The tilt
+    axis is at 70 deg from the pan axis, and the output at the angle u from the tilt axis,
+    with cos u = 0.8. Both turn fully. So the angle between output and pan axis is from 70
+    deg - u to 70 deg + u, and the workspace is a spherical zone.
+    """
     tilt_arc = np.radians(70.0)
     output_arc = np.arccos(0.8)
     exact_area_sr = (
@@ -721,7 +727,8 @@ def test_links_that_never_move_do_not_prevent_a_workspace():
         pan_and_tilt_with_resting_links(["pan", "tilt"]), tolerance=1e-3
     )
     modes = findings["working_modes"]
-    # Two signs for the pan and tilt, and two for the links that never move.
+    # A working mode has two signs: one for the pan and tilt, and one for rod and rocker.
+    # Each sign selects one of two ways to assemble these links.
     assert list(modes) == ["++", "+-", "-+", "--"]
     for region in modes.values():
         assert region["area_sr"] == pytest.approx(exact_area_sr, rel=1e-3)

@@ -115,8 +115,8 @@ class RotationResult:
     def scenes(self, text: str) -> tuple[Scene, ...]:
         """Return a page over the angle of rotation and, with a schedule, a page over time.
 
-        A schedule is the rotation in time. A page has drawings, plots and a text. The plots
-        over the angle theta of the rotation show:
+        A schedule gives the angle theta of the rotation as a function of time. A page has
+        drawings, plots and a text. The plots over theta show:
 
         - the driving angles and their derivatives with respect to theta,
         - the angle between the actual and the exact orientation of the output link,

@@ -366,7 +366,8 @@ class InverseSolutions:
         sentence. Modes with the same sentence are listed together.
         """
         solutions = self.solutions
-        # The number -1 (no known limit) selects the last, empty name.
+        # A limit is a joint limit or the reach of a leg. The number -1 (limit not known)
+        # selects the last, empty name.
         limit_names = [*solutions.limits, ""]
         if not self._has_few_poses:
             return []
@@ -374,7 +375,7 @@ class InverseSolutions:
         for row, mode in enumerate(solutions.mode.tolist()):
             if solutions.solved[row] or not np.isfinite(self.nearest_distances[row]):
                 continue
-            # The limit that the pose violates.
+            # The limit because of which the pose is out of reach.
             limit_name = limit_names[solutions.limiting[row]]
             by_limit = ""
             if limit_name:
@@ -471,7 +472,7 @@ class InverseSolutions:
                 "pose asked for",
                 # From axes of the reference link to ground axes.
                 np.matvec(reference, directions),
-                # Drawn thick. Primary arrows are axes of pairs and are drawn thin.
+                # Primary arrows (axes of pairs) are drawn thin. This arrow is thick.
                 primary=False,
                 # Successive samples are separate solutions, not points of one motion.
                 path_shown=False,

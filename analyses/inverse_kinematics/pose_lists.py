@@ -192,7 +192,7 @@ def _read_list(
     """Return the numbers of poses from texts ``name=number``.
 
     All poses must have the same names. The names decide in which form poses are described,
-    for example by azimuth and tilt.
+    for example by azimuth and tilt, or by the inputs.
 
     Parameters
     ----------
@@ -384,9 +384,9 @@ def _convert_rows(
         The inverse kinematics of the output.
     form
         Names of the numbers in the k columns. The names decide how the numbers describe a
-        pose: as a direction, as an orientation, or by the mid-plane. In the mid-plane the
-        base and the output link are mirror images of each other. The angles phi and gamma
-        describe the inclination of the mid-plane.
+        pose: as a direction, as an orientation, or by the mid-plane. The mid-plane is the
+        plane about which the base and the output link are mirror images of each other. Its
+        inclination is given by the angles phi and gamma.
     rows
         (n, k) numbers, angles in rad.
     locations, where

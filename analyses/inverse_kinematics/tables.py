@@ -318,7 +318,8 @@ def all_pose_columns(solver: OutputKinematics, poses: Floats) -> Columns:
 
     A direction has x, y, z, azimuth and tilt. A rotation has a quaternion, azimuth, tilt
     and torsion (the angle about the tilted axis). If base and output mirror each other in a
-    plane (mid-plane), directions have the angles phi and gamma of this plane.
+    plane (mid-plane), directions also have phi and gamma. These two angles describe the
+    normal of the mid-plane.
 
     Parameters
     ----------
@@ -327,8 +328,10 @@ def all_pose_columns(solver: OutputKinematics, poses: Floats) -> Columns:
     poses
         (n, 3) directions or (n, 3, 3) rotations; NaN gives NaN.
     """
+    # `points` tells whether poses are directions, at which the output points.
     are_directions = solver.points
-    # The architecture in which base and output mirror each other; None in other mechanisms.
+    # `form` is the mid-plane symmetric architecture, in which base and output mirror each
+    # other. It is None in other mechanisms.
     architecture = solver.form
     if are_directions:
         columns = direction_or_quaternion_columns(poses, architecture)

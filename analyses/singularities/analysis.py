@@ -32,6 +32,15 @@ from .one_input import OneInput
 from .several_inputs import MAX_OUTPUT_FREEDOMS, SeveralInputs, no_aspects
 from .tables import ASPECTS, RELATION, SINGULARITIES
 
+EFFECTS_OF_ZERO = {
+    "near": "no near misses are reported",
+    "slices": "neither curves nor surfaces are searched",
+    "mesh": "no surfaces are computed",
+    "input_grid": "no aspects are searched",
+    "seconds": "the searches end at once",
+}
+"""Parameters that must not be negative, and what their value 0 does, for the message."""
+
 
 def _compare_positions(
     parameter: str, values: tuple[float, ...], inputs: Literal["one", "several"]
@@ -175,13 +184,13 @@ class SingularityAnalysis(AbstractAnalysis):
         ModelError
             If a mechanism with several inputs declares no output.
         """
-        # Parameters of the searches, which must not be negative.
-        for name in ("near", "slices", "mesh", "input_grid", "seconds"):
+        # Parameters that must not be negative.
+        for name, effect_of_zero in EFFECTS_OF_ZERO.items():
             value = getattr(self, name)
             if value is not None and not value >= 0:
                 raise AnalysisError(
                     f"singularities: {name}: found {value:g}, expected a number of at "
-                    "least 0; 0 switches this part of the analysis off"
+                    f"least 0; with 0, {effect_of_zero}"
                 )
         if len(mechanism.inputs) > 1:
             if self.output:

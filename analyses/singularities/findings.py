@@ -42,14 +42,15 @@ def describe_inputs_of_kinds(
     """Return a sentence for each kind of singularity of an output within the input's range.
 
     A sentence lists the inputs at which the kind occurs, grouped by assembly modes (ways to
-    assemble the links). A further sentence says if it occurs on a whole curve of
+    assemble the links). Some singular configurations belong to none of the computed modes,
+    which the sentence says. A further sentence says if the kind occurs on a whole curve of
     configurations.
 
     Parameters
     ----------
     points
-        The table of singularities, by column; ``q`` is the input (rad), NaN if the
-        singularity occurs on a whole curve.
+        The table of singularities, by column. ``q`` is the input (rad), NaN if the
+        singularity occurs on a whole curve. ``inside`` is "yes" within the input's range.
     output
         The name of the output in this table.
     output_in_words
@@ -322,11 +323,12 @@ def warn_of_near_misses(
     near_deg: float,
     input_pair: str,
 ) -> list[str]:
-    """Return a warning for each output that comes near a singularity without reaching it.
+    """Return warnings of outputs that come near a singularity without reaching it.
 
-    At type I the output rests while the input moves. At type II the output can move while
-    the input is locked. Assembly modes (ways to assemble the links) that reach a
-    singularity of the same type elsewhere in the range need no warning.
+    There is at most one warning for each output and type. At type I the output rests while
+    the input moves. At type II the output can move while the input is locked. Assembly
+    modes (ways to assemble the links) that reach a singularity of the same type elsewhere
+    in the range need no warning.
 
     Parameters
     ----------
@@ -337,7 +339,8 @@ def warn_of_near_misses(
     names, names_in_words
         The name of each output in the table of singularities, and in sentences.
     near_deg
-        The angle to a singularity below which a warning is given (deg).
+        The angle (deg) within which a configuration counts as near. Each warning states
+        it. `NearMiss.angle` describes the angle.
     input_pair
         Name of the driven pair.
     """

@@ -645,16 +645,21 @@ class OneInput:
         )
 
     def _poles_of_singularities(self, points: Mapping[str, Any]) -> SixPoles:
-        """Return the six pole axes of input and output at n singularities.
+        """Return the six pole axes of input and output at n singularities, to be drawn.
 
-        A pole axis is the axis of the relative rotation of two links. In the relation c y'
-        = d q' between the rates of output and input, c and d are triple products of six
-        pole axes. The six axes are those of any two of four links: the input link i, its
-        reference r, the output link o and a link s. The axis of links o and s is named
-        `os`, and so on. In form i of the relation, s is the reference of the output, and y'
-        is the rate of o relative to s. In form ii, y' is the rate of o relative to r. The
-        result has the axes of form ii if that form exists, else of form i. Form ii does not
-        exist if the output link is one of the two links of the input.
+        A pole axis is the axis of the relative rotation of two links. The six axes are
+        those of any two of four links: the input link i, its reference r, the output link o
+        and a link s. The axis of links o and s is named `os`, and so on.
+
+        The axes belong to a relation c y' = d q'. Here q' is the rate of the input, and c
+        and d are computed from the axes. There are two forms of the relation:
+
+        - Form i: y' is the rate of o relative to s, which is the reference of the output.
+        - Form ii: y' is the rate of o relative to r, and s may be another link. This form
+          does not exist if the output link is one of the two links of the input.
+
+        The result has the axes of form ii at singularities where this form exists, else
+        those of form i.
 
         Parameters
         ----------

@@ -86,7 +86,8 @@ def plot_plane(
     Parameters
     ----------
     path, label
-        Path in the recording, and name of the plot.
+        Address of the plot among the objects of a recording for the viewer, and title of
+        the plot.
     rows
         (n, 2) position of the moving point in each row of a motion.
     axes

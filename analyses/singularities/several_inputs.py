@@ -303,7 +303,7 @@ class SeveralInputs:
             A curve of singular configurations of type I or II, and its number. `curve.s`
             are arc lengths of its points (rad) in the space of all pair variables.
             `curve.why` is the geometric reason of the singularity in words, if it is the
-            same on the whole curve.
+            same on the whole curve. `curve.both` has the points of type III on the curve.
         output
             The output.
         claim
@@ -1004,18 +1004,23 @@ def _reach_text(parts: Sequence[Floats], inputs: Sequence[str]) -> str:
 
 
 def _locus_table(rows: Sequence[tuple[str, ...]]) -> ScreenTable:
-    """Return a table for the screen about the loci (singularities of one kind each).
+    """Return a table for the screen about the loci of singularities.
 
-    The column "in the ranges" has the number of curves or surfaces of a locus in the ranges
-    of the inputs. The column "outside" has the number of the others. The last column lists
-    the intervals of input angles over which they reach.
+    A locus is the set of all singularities of one kind. It consists of curves or surfaces.
+    The table has a row for each locus, with these columns:
+
+    - "kind": the kind of the singularities, and what it means for the mechanism.
+    - "in the ranges": the number of curves or surfaces in the ranges of the inputs.
+    - "outside": the number of the other curves. Surfaces are computed only in the ranges.
+    - "over the inputs, about (deg)": the intervals of input angles that the curves or
+      surfaces in the ranges span.
 
     The name of a single output is in the title. Names of several outputs are a column.
 
     Parameters
     ----------
     rows
-        For each locus the name of the output, and the cells of these columns.
+        For each locus the name of the output, then the cells of the columns.
     """
     columns = [
         ScreenColumn("kind"),

@@ -166,9 +166,9 @@ RELATION = Table(
         Column(
             "velocity_coefficient",
             "",
-            "rate y'/q' of the output per unit rate of the input: d/c in the row of form "
-            "i, and the same value in the row of form ii; at a type II singularity "
-            "infinite, with several inputs empty",
+            "rate of the output per unit rate of the input. In form i it is d/c; the row "
+            "of form ii repeats this value. At a type II singularity it is infinite with "
+            "one input, and empty with several inputs",
         ),
         Column(
             "distance_I",
@@ -181,8 +181,8 @@ RELATION = Table(
             "rad",
             "distance from type II singularities: an angle that is 0 only at these "
             "singularities. Its sine is a transmission measure (how well the locked inputs "
-            "hold the output). If the arcs of all links are short, the angle is "
-            "proportional to their length",
+            "hold the output). In mechanisms with short arcs the angle is small "
+            "everywhere, because it is then proportional to the arcs",
         ),
         Column(
             "output_rate",
@@ -200,7 +200,7 @@ RELATION = Table(
             "transmission",
             "rad",
             "transmission angle of the dyad (two links joined by a pair) that "
-            "determines the motion of the output; empty if no dyad determines it",
+            "determines the motion of the output; empty if there is no such dyad",
         ),
         Column(
             "input_margin_I",
@@ -277,8 +277,8 @@ ASPECTS = Table(
         Column(
             "assembly_modes",
             "",
-            "largest number of assembly modes in this aspect that belong to the same "
-            "values of the inputs",
+            "largest number of configurations (assembly modes) that this aspect has at the "
+            "same values of the inputs",
             "integer",
         ),
     ),

@@ -496,9 +496,9 @@ def _export_mujoco_model(
     at
         Inputs (rad) of the configuration. None: the first sample at which the mode exists.
     """
-    # The mechanism in the form that the position analysis uses, with its inputs, and the
-    # pair variables (rad) in one configuration. `angles` has the index of the variable of
-    # each R pair (revolute joint).
+    # The mechanism with the inputs that the position analysis uses, and the pair variables
+    # (rad) in one configuration. `angles` has the index of the variable of each R pair
+    # (revolute joint).
     driven_mechanism, variables = find_pose(mechanism, assembly_mode, at)
     input_texts = []
     for pair in driven_mechanism.input_pairs:

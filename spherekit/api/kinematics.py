@@ -136,11 +136,12 @@ class Kinematics:
     columns of these names do in the table `poles`.
 
     With several inputs and groups of links that are no dyads (two links with three R
-    pairs), each mode is followed from row to row by verified steps. After an input at which
-    a mode has no configuration, its number may denote another mode. If no mode has a gap of
-    this kind, a run whose samples are the same inputs gives the modes the same numbers. At
-    other inputs the numbers can differ. `search` says how the modes were found, and whether
-    there may be others.
+    pairs), each mode is followed from row to row by verified steps. If a mode has no
+    configuration at an input, its number may denote another mode at later inputs. If every
+    mode has a configuration at every input, `spherekit.run` at the same inputs gives the
+    modes the same numbers as this object. At other inputs its numbers can differ.
+
+    `search` says how the modes were found, and whether there may be others.
     """
 
     mechanism: Mechanism
@@ -370,14 +371,14 @@ class Kinematics:
         """
         batch = self._batch
         poles = [self._pole(pole) for pole in self.poles]
-        # A request consists of the indices of the two links of a pole and of the moving
-        # input.
+        # A request is a row of the frame at each configuration. It consists of the indices
+        # of the two links of a pole, and of the moving input.
         requested = [
             (*pole, moving) for moving in range(len(self.input_pairs)) for pole in poles
         ]
         # In all columns, the rows are the requests at the first configuration, then the
-        # requests at the second, and so on. First come all columns except the error bounds
-        # and the inputs.
+        # requests at the second, and so on. `pole_columns` makes all columns but the error
+        # bounds and the inputs, which are added below.
         data: Facts = batch.pole_columns(requested)
         # The error bounds.
         make_column = batch.of_poles(requested)

@@ -209,8 +209,8 @@ def sweep_of(
     for variation in space.variations:
         if variation.has_angle_unit and not is_angle(document, variation.key):
             raise DesignError(
-                f"{variation.key}: the values have a unit of angles, but this number is "
-                "not an angle; leave the unit out"
+                f"{variation.key}: this number of the mechanism is not an angle, but its "
+                "values are given in a unit of angles; leave the unit out"
             )
 
     for name, count in Counter(analysis.name for analysis in analyses).items():
@@ -372,8 +372,9 @@ def _document(mechanism: Mechanism, subject: Subject) -> Document:
     mechanism
         The mechanism.
     subject
-        The file or object from which the mechanism was made. If it is a study file or an
-        object, the document is made from the mechanism.
+        The file or object from which the mechanism was made. If it is an object or a study
+        file (a file that says what to compute for a mechanism), the document is made from
+        the mechanism.
     """
     if isinstance(subject, str | os.PathLike) and not is_study(find(subject)):
         mechanism_of_file = load(subject)

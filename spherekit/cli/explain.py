@@ -344,7 +344,7 @@ def _predicted_sizes(sizes: Facts, with_recording: bool) -> list[str | ScreenTab
     sizes
         The value under the key ``predicted`` in the description of a run.
     with_recording
-        Whether the user asked for the size of the recording.
+        Whether the user asked for the size of the recording, a file for the viewer rerun.
     """
     if "reason" in sizes:
         return [f"sizes: not predicted; {sizes['reason']}"]

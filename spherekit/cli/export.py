@@ -182,8 +182,8 @@ def execute(options: Namespace) -> int:
 
     mechanism_of_file = load(options.file)
     mechanism = with_locks(mechanism_of_file, options.lock)
-    # Without locked pairs, `export` gets the file, with sizes as the user wrote them, such
-    # as 30 deg. The loaded mechanism has the sizes in rad, rounded to floats.
+    # If no pairs are locked, `export` is given the file. The file has the sizes as the user
+    # wrote them, such as 30 deg. The loaded mechanism has them in rad, rounded to floats.
     has_locks = mechanism is not mechanism_of_file
     # Inputs (rad) of the pose in which a MuJoCo model starts.
     inputs_of_pose = None

@@ -123,9 +123,8 @@ def describe_modes(summary: Any) -> Lines:
 def _mode_titles(modes: Sequence[Any]) -> str:
     """Return the names of modes in one text, such as ``0 (+), 1 (-)``.
 
+    The signs in brackets say how each dyad (two links with three R pairs) is assembled.
     Modes that have neither names nor signs are listed by number, such as ``0-5``.
-
-    A sign is the way in which a dyad (two links with three R pairs) is assembled.
 
     Parameters
     ----------
@@ -149,11 +148,12 @@ def _closing_place(mode: Any, entry: Any, overview: Any, place_text: PlaceText) 
     mode
         The facts of the mode: an entry of ``assembly_modes`` in the summary of a run.
     entry
-        Where the mode exists: the facts of the mode in the overview of the motion. None if
-        the overview lacks the mode. ``closes`` lists spans of places in which the mode
-        exists.
+        Where the mode exists: the entry of the mode in ``overview["modes"]``. None if the
+        overview lacks the mode. ``closes`` lists spans of places in which the mode exists.
+        A long list is cut, and ``unlisted_closing_spans`` is the number of other spans.
     overview
-        The overview of the motion in the summary of the run.
+        The overview of the motion in the summary of the run. ``is_path`` tells whether the
+        samples form a path; otherwise they form a grid.
     place_text
         Converts places (inputs or times) of this overview to text.
     """

@@ -134,7 +134,10 @@ def output_table(summary: Any) -> ScreenTable | None:
         verb = "comes to rest (type I singularity)"
         if len(inputs) > 1 or is_simulation:
             verb = "turns back"
-        columns.append(ScreenColumn(f"{verb} near {place_text.heading}"))
+        # Values of one input are accurate to the printed digits. Other places are rougher.
+        is_accurate = place_text.kind == "input" and len(inputs) == 1
+        preposition = "at" if is_accurate else "near"
+        columns.append(ScreenColumn(f"{verb} {preposition} {place_text.heading}"))
 
     # Times (s) at which all links stop in a simulation, which the events have exactly.
     events = summary["simulation"]["event_list"] if is_simulation else []
@@ -489,8 +492,8 @@ def _describe_other_dyad(summary: Any) -> Lines:
     # The number of a sample says little, so the inputs of the sample are printed.
     if place_text.kind == "sample":
         place = inputs_text(summary, least["inputs_rad"])
-    # Assembly modes that differ in other dyads have the same least angle, so all are
-    # listed.
+    # Several assembly modes can have the same least angle, at the same pair and place,
+    # because they differ only in how other dyads are assembled. All of them are listed.
     modes = [
         number
         for number, entry in least_by_mode.items()

@@ -473,7 +473,7 @@ def _check_options(study: "Study", options: Namespace) -> None:
     from spherekit.errors import AnalysisError
 
     folder = "a folder; give the folder of the run with -o DIR"
-    simulation = "a simulation; give its initial state with --start"
+    simulation = "a simulation; start one from an initial state with --start"
     recording = "a recording; make one with --save, --serve, --connect or --view"
     # Without --format the tables are Parquet files. Option `--prove` needs such files.
     formats = FORMAT_CHOICES.get(options.format)

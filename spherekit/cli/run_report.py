@@ -17,7 +17,7 @@ from spherekit.cli.motion_screen import (
 )
 from spherekit.cli.place_text import PlaceText, angle_text
 from spherekit.cli.screen_report import ScreenReport
-from spherekit.cli.singularity_text import describe_singularities
+from spherekit.cli.singularity_text import describe_singularities, is_far_from_type_2
 from spherekit.conventions import Lines
 from spherekit.files.library import find, is_study
 from spherekit.number_text import (
@@ -319,6 +319,8 @@ def _describe_dead_centres(summary: Any) -> Lines:
         The content of ``summary.json``, the file with the main results of the run.
     """
     overview = summary["overview"]
+    # The places of the overview say where in the motion something happens. Depending on the
+    # run they are inputs, times or numbers of samples.
     if len(summary["inputs"]) != 1 or overview["place"]["kind"] != "input":
         return []
     place_text = PlaceText(overview)
@@ -326,16 +328,26 @@ def _describe_dead_centres(summary: Any) -> Lines:
     for mode in summary["assembly_modes"]:
         entry = overview["modes"].get(str(mode["number"]))
         if entry is None or set(entry["statuses"]) - {"OUT_OF_REACH"}:
-            # Rows are missing for other reasons, so modes may end elsewhere.
+            # The mode is not in the overview, or some of its samples have another status
+            # than OK and OUT_OF_REACH (the links cannot be assembled). The ends of its
+            # spans need not be dead centres then.
             return []
-        # The mode exists over these spans of the input (rad): first and last sample.
+        # The mode exists in these spans of the input. Each span is the input (rad) at its
+        # first and at its last sample.
         spans = entry["closes"]
         texts = _dead_centre_texts(spans, overview["place_range"], place_text)
         if texts:
             text = listing(texts, MAX_LISTED_EVENTS)
             modes_by_places.setdefault(text, []).append(mode["number"])
     if not modes_by_places:
-        return [f"No mode has {TYPE_2_TEXT} at the samples of this range."]
+        between_samples = "One between two samples could be missed."
+        if is_far_from_type_2(summary) and not place_text.are_samples_far_apart:
+            between_samples = (
+                "All samples are far from one, so none is likely between them."
+            )
+        return [
+            f"No mode has {TYPE_2_TEXT} at the samples of this range. {between_samples}"
+        ]
     name = place_text.named  # of the input
     # The places are intervals if samples are far apart, otherwise values.
     where = f"at {name}" if place_text.are_samples_far_apart else f"near {name} ="
@@ -524,8 +536,9 @@ def _describe_simulation(simulation: Any) -> Lines:
         )
     event_count = simulation["events"]
     lines += _describe_events(event_count, simulation["event_list"])
-    # At a singularity of type II a locked input does not hold the output. These three kinds
-    # of events are such singularities. At a "crossing", curves of configurations cross.
+    # At a singularity of type II a locked input does not hold the output. The three kinds
+    # of events in the condition below are such singularities. At a "crossing", curves of
+    # configurations cross.
     if not {"dead_centre", "type_2", "crossing"} & set(simulation["event_kinds"]):
         # The line is "The motion meets no singularity of type II (...).".
         lines.append(f"The motion meets no {TYPE_2_TEXT.removeprefix('a ')}.")
@@ -806,14 +819,15 @@ def _table_accuracy(overview: Any) -> str:
     overview
         The overview of the motion in the summary of the run.
     """
-    # The distance of two samples as text. Empty if samples are only numbered.
+    # The distance of two samples as text. Empty if the samples have numbers, but no
+    # distance.
     sample_distance = PlaceText(overview).step_text
     if not overview["is_path"]:
         apart = f", which are {sample_distance} apart" if sample_distance else ""
         return f"the table has the extremes of the samples{apart}"
     exceptions = []
     # The excess is how far a quantity may go beyond its extremes between samples. The dict
-    # has only those quantities whose printed digits this could change.
+    # leaves out quantities whose excess is too small to change a printed digit.
     for key, excess in _largest_excesses(overview).items():
         number = f"{float(bound_text(excess)):.12f}"
         number_without_zeros = number.rstrip("0").rstrip(".")
@@ -830,7 +844,10 @@ def _table_accuracy(overview: Any) -> str:
     # An assembly mode is one way to assemble the mechanism. Its "statuses" tell why some
     # samples have no result.
     modes = overview["modes"].values()
-    if not all(mode["closes_everywhere"] for mode in modes):
+    close_everywhere = all(mode["closes_everywhere"] for mode in modes)
+    if exceptions and close_everywhere:
+        line += ", other values by less than the last digit shown"
+    if not close_everywhere:
         line += ". For a mode that ends, the table covers the samples up to its end"
     elif any(mode["statuses"] for mode in modes):
         line += ". Samples without a result are left out of the table"
@@ -990,9 +1007,9 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
         steps.append((command, "motion: ranges of outputs and velocity ratios"))
     if outputs and "singularities" not in names and not is_simulation:
         # With several inputs, singular configurations form curves or surfaces.
-        description = "exact places of singularities"
+        description = "exact places of singularities, between samples too"
         if len(summary["inputs"]) > 1:
-            description = "all singular configurations"
+            description = "all singular configurations in the ranges of the inputs"
         steps.append((f"{command} -a singularities", description))
     # These three analyses compute driving torques. "eksergian" uses Eksergian's equation of
     # motion, which is for one input. "dynamics" takes any number of inputs.
@@ -1093,7 +1110,8 @@ def spent(cost: Any) -> Lines:
         if cost[key]
     )
     separator = "; " if evaluations else ""
-    # A size is stated only for a format in which all tables were written.
+    # The size in a format (CSV or Parquet) is the sum over all tables. It is stated only if
+    # all tables were written in this format.
     tables = cost["tables"].values()
     rows = counted(sum(table["rows"] for table in tables), "row")
     sizes = f"  {rows} in {counted(len(tables), 'table')}"

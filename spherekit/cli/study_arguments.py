@@ -135,9 +135,9 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         help=(
             "what happens to an assembly mode where two curves of configurations cross. A "
             "dyad (two links) can be assembled in two ways, and its sign selects one of "
-            "them. end = the mode keeps the signs of its dyads and leaves its smooth "
-            "curve, and a simulation ends (default); pass = both follow the smooth curve, "
-            "on which the sign of a dyad changes"
+            "them. end (default) = the mode keeps the signs of its dyads and leaves "
+            "its smooth curve; a simulation ends there. pass = the mode or the simulation "
+            "follows the smooth curve, on which the sign of a dyad changes"
         ),
     )
     parser.add_argument(

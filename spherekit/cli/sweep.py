@@ -68,9 +68,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         help=(
             "a figure of merit: one number that a reduction (min, max, mean, rms, "
             "range, swing, sum, argmin, argmax, at) computes from the values of an "
-            "expression over the motion, such as max(theta_41). swing is the range of an "
-            "angle that is continued beyond a whole turn; at(theta_41, 40deg) is the value "
-            "at an input of 40 deg. Angles are in rad; may be repeated"
+            "expression over the motion, such as max(theta_41). range is the largest value "
+            "minus the smallest one; swing is the range of an angle, without jumps "
+            "of whole turns; at(theta_41, 40deg) is the value at an input of "
+            "40 deg. Angles are in rad; may be repeated"
         ),
     )
     parser.add_argument(

@@ -8,7 +8,7 @@ from spherekit.conventions import Lines
 from spherekit.number_text import degree_range_text, degrees_text, number_text
 from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 from spherekit.type_checks import NUMERIC_KINDS
-from spherekit.wording import counted, numbered, without_numbers
+from spherekit.wording import counted, listing, numbered, without_numbers
 
 if TYPE_CHECKING:
     from spherekit.designs.sweep import Sweep
@@ -77,7 +77,7 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
         change_points = _change_point_rows(frame[is_valid])
         if table and ranked_change_points.empty and not change_points.empty:
             report.results.append(
-                f"This table leaves out {_describe_change_points(change_points)}"
+                f"This table leaves out {_describe_change_points(result, change_points)}"
             )
         report.results += _count_texts(result, frame[is_valid])
         if not ranks_whole_modes:
@@ -89,7 +89,7 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
                 "by them."
             )
         if table and not ranked_change_points.empty:
-            text = _describe_change_points(ranked_change_points)
+            text = _describe_change_points(result, ranked_change_points)
             report.warnings.append(
                 f"The table contains {text} Do not rank designs by these figures."
             )
@@ -363,18 +363,21 @@ def _change_point_rows(frame: Any) -> Any:
     return frame[frame["grashof"].astype(str) == "change-point"]
 
 
-def _describe_change_points(rows: Any) -> str:
+def _describe_change_points(result: "SweepResult", rows: Any) -> str:
     """Return which designs are change-point four-bars, and why not to rank them.
 
-    An example is ``design 4, a change-point four-bar. It has ...``.
+    An example is ``design 4 (links.2.arc = 50 deg), a change-point four-bar. It has ...``.
 
     Parameters
     ----------
+    result
+        The results of the sweep.
     rows
         The rows of these designs, at least one.
     """
-    designs = sorted(set(rows["design"]))
-    names = numbered("design", designs)
+    designs = rows.drop_duplicates("design").sort_values("design")
+    names = numbered("design", designs["design"].tolist())
+    names += _values_of_designs(result, designs)
     if len(designs) == 1:
         return (
             f"{names}, a change-point four-bar. It has a configuration in which all axes "
@@ -386,6 +389,31 @@ def _describe_change_points(rows: Any) -> str:
         "all axes lie in one plane and the assembly modes meet. Its figures depend on how "
         "near a sample is to this configuration."
     )
+
+
+def _values_of_designs(result: "SweepResult", designs: Any) -> str:
+    """Return the varied numbers of some designs, such as `` (links.2.arc = 30, 50 deg)``.
+
+    With several varied numbers the text would be long, so it is empty unless there is one
+    design.
+
+    Parameters
+    ----------
+    result
+        The results of the sweep.
+    designs
+        One row for each of these designs.
+    """
+    sweep = result.sweep
+    if len(sweep.variables) > 1 and len(designs) > 1:
+        return ""
+    units = sweep.units()
+    texts = []
+    for variable, variation in zip(sweep.variables, sweep.space.variations, strict=True):
+        values = listing(f"{value:g}" for value in designs[variable.name])
+        unit = units.get(variable.name) or ""
+        texts.append(f"{variation.key} = {values} {unit}".rstrip())
+    return f" ({', '.join(texts)})"
 
 
 def _numbers_of_texts(column: Any) -> str:

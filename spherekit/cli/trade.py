@@ -168,6 +168,7 @@ def _make_report(result: "Trade", tolerance: float | None) -> ScreenReport:
         for heading, alignment in zip(HEADINGS, ALIGNMENTS, strict=True)
     )
     report.results.append(ScreenTable(columns, tuple(make_rows(result))))
+    # Explains the mark "*" of some settings in the table.
     report.results.append(MARK_TEXT)
     report.results += list_inapplicable_settings(result)
     report.accuracy = (

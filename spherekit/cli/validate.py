@@ -190,13 +190,14 @@ def make_report(properties: Facts) -> ScreenReport:
         f"mode {mode} ({mode_name})" for mode_name, mode in properties["modes"].items()
     ]
     # The modes of several inputs are counted at samples of one path only (see
-    # `ASSEMBLY_SAMPLES`), on which all inputs move together. Without loops of links there
-    # are no groups, and exactly one mode.
+    # `ASSEMBLY_SAMPLES`), on which all inputs move together. A group is a set of links that
+    # are placed together to close loops. Without loops there are no groups, and exactly one
+    # mode.
     has_loops = len(properties["groups"]) > 0
     is_one_path = has_loops and len(properties["inputs"]) > 1
-    where = " on the straight path through the ranges of all inputs" * is_one_path
+    where = " on the straight path through the ranges of all inputs" if is_one_path else ""
     names = f"; named: {', '.join(named_modes)}" if named_modes else ""
-    hint = "; a run on a grid can find more" * is_one_path
+    hint = "; a run on a grid can find more" if is_one_path else ""
     results.append(f"{counted(mode_count, 'assembly mode')}{where}{names}{hint}")
     if study:
         analyses = ", ".join(properties["analyses"])

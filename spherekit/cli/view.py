@@ -52,7 +52,10 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--web",
         action="store_true",
-        help="show it in a browser; this computer serves the page until you press Ctrl-C",
+        help=(
+            "show FILE or DIR in a browser; this computer serves the page until you press "
+            "Ctrl-C"
+        ),
     )
     parser.add_argument(
         "--sample",
@@ -65,14 +68,14 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="TITLE",
         action="append",
         help=(
-            "show this page or tab of the recording in front of the others in the picture; "
-            "may be repeated"
+            "title of the page or tab of the recording that the picture shows; may be "
+            "repeated, for example to select a page and a tab on it"
         ),
     )
     parser.add_argument(
         "--only-3d",
         action="store_true",
-        help="show only the 3D view in the picture",
+        help="the picture of --png shows only the 3D view, not the whole window",
     )
     parser.add_argument(
         "--size",
@@ -187,7 +190,7 @@ def _show_recording(path: Path, options: Namespace) -> int:
         Values of the arguments. ``file`` is the mechanism or recording that the user named.
         With ``web`` it is served to browsers, and with ``png`` a picture is written to this
         file. Otherwise the viewer is opened, if there is a display. The other arguments
-        describe the picture.
+        describe the picture, such as its size and the sample that it shows.
 
     Returns
     -------

@@ -92,9 +92,10 @@ class DescentValues:
     Attributes
     ----------
     functions
-        The values of all objectives and smooth conditions, and their gradients with respect
-        to the coordinates of the design (0 to 1 in the range of each variable). The value
-        of a condition is positive if it is violated.
+        The values of all objectives and conditions, and their gradients with respect to the
+        coordinates of the design (0 to 1 in the range of each variable). The value of a
+        condition is positive if it is violated. Conditions on `closing_fraction` are left
+        out, because this fraction is not smooth.
     closing_fraction
         Fraction of the samples at which the mechanism can be assembled in this mode.
     meets_closing_conditions
@@ -342,11 +343,14 @@ class Descent:
     def _evaluate_expressions(self, arguments: Floats) -> ExpressionValues:
         """Return objectives and conditions at values of their arguments, with derivatives.
 
+        The objectives and conditions of the optimisation are expressions of the user. Their
+        arguments are design variables and figures of merit (numbers that rate a design).
+
         Parameters
         ----------
         arguments
-            The design variables and then the figures of merit (numbers that rate a design),
-            in the units of the mechanism file.
+            The design variables and then the figures of merit, in the units of the
+            mechanism file.
         """
         with np.errstate(all="ignore"):
             outputs = self._functions_and_slopes(arguments[:, None])
@@ -545,8 +549,10 @@ class Descent:
     ) -> LocalOptimum:
         """Look for a design that is better than a local optimum in all objectives.
 
-        Descents from other starts aim at the objectives of the optimum. If one ends below
-        all of them, the optimum near its end replaces this one, and the search begins anew.
+        Descents from other designs aim at the objectives of the optimum: they bring their
+        own objectives as far below these as possible. If a descent ends below all of them,
+        further descents from its end lead to a new local optimum. This one replaces the
+        old optimum, and the search begins anew.
 
         Parameters
         ----------

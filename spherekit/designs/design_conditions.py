@@ -96,7 +96,7 @@ def parse_condition(text: str, names: Collection[str]) -> Condition:
         left = parse(left_text, names)
         right = parse(right_text, names)
     except ModelError as problem:
-        raise DesignError(f'"{text}": {problem}') from None
+        raise DesignError(f'"{text}": on one side of the comparison, {problem}') from None
     allows_equality = sign.endswith("=")
     if sign.startswith("<"):
         return Condition(text, left, right, allows_equality)

@@ -204,7 +204,9 @@ class DesignEvaluator:
         samples
             The inputs at which each design is evaluated.
         needs_modes_of_runs
-            Whether assembly modes must have the labels (signs or numbers) of a run.
+            Whether assembly modes (ways to assemble the links) must have the labels that a
+            run gives them: signs or numbers. This is so if the user selects a mode by its
+            label. A kernel that labels modes in another way is then not used.
         """
         self.document = document
         self.mechanism = mechanism
@@ -230,9 +232,10 @@ class DesignEvaluator:
             # design.
             masses_follow_sizes=self._masses_follow_sizes,
         )
-        # The kernel is None if designs have to be analysed one by one. Positions without
-        # formulas are tracked (followed in small steps) from design to design. The tracking
-        # starts at all positions of one design.
+        # The kernel is None if designs have to be analysed one by one. If the equations of
+        # the positions have no closed-form solution, the positions are tracked (followed in
+        # small steps) from design to design. The tracking starts at all positions of one
+        # design; otherwise its start is None.
         self.kernel, self._tracking_start = self._make_kernel()
 
     def _check_torque_tables(self) -> None:
@@ -267,6 +270,9 @@ class DesignEvaluator:
         expressions = self.varied_mechanism.make_expressions()
         tracking_start = None
         replaces_contacts = self.varied_mechanism.equivalent_linkage is not None
+        # If the user selects an assembly mode by its label, the kernel must label modes as
+        # a run does. Two kinds of kernels label them in another way: those that track
+        # solutions, and those for a linkage that replaces contacts.
         has_modes_of_runs = expressions.has_closed_form and not replaces_contacts
         if self._needs_modes_of_runs and not has_modes_of_runs:
             return None, None
@@ -624,7 +630,8 @@ class DesignEvaluator:
         design_count
             Number of all designs.
         claim
-            Text for the added rows: whether an assembly mode may have been missed.
+            Text in the column `claim` of the added rows. It says whether an assembly mode
+            may have been missed.
         """
         names = self.figures.names
         present = np.concatenate([part.design for part in parts])
@@ -761,9 +768,9 @@ class DesignEvaluator:
 
         Returns
         -------
-        The modes, with configurations at all samples of the inputs, and then at the points.
-        A point is an additional set of inputs, at which a figure of merit (number that
-        rates a design) is evaluated.
+        The modes. Each has its configurations at all samples of the inputs, followed by its
+        configurations at the points. A point is an additional set of inputs, at which a
+        figure of merit (number that rates a design) is evaluated.
         """
         assert self._tracking_start is not None
         path_kernel, start_solutions = self._tracking_start
@@ -928,7 +935,7 @@ class DesignEvaluator:
         Parameters
         ----------
         values
-            (variables,) values of the variables, in the units of the file.
+            (variables,) values of the design variables, in the units of the file.
         """
         mechanism = make_design(self.document, self.variables, values)
         if self.varied_mechanism.equivalent_linkage is None:

@@ -565,8 +565,10 @@ class DesignRuns:
                 f"{merit.name}: at(EXPRESSION, Q) needs {counted(input_count, 'input')} "
                 f"Q, found {len(merit.point)}"
             )
-        # The reduction "swing" (range of a continuous angle) needs to know whether the path
-        # returns to its start. A swing may then continue from its end to its start.
+        # The reduction "swing" is the difference of the largest and the smallest angle,
+        # with full revolutions counted. It needs to know whether the path of samples
+        # returns to its start. The angle may then swing on from the last sample to the
+        # first one.
         is_closed_path = len(inputs) > 0 and return_after_revolutions(inputs[0], inputs[-1])
         # The reduction "at" uses only the row at the inputs that the user states. All
         # others use all rows.

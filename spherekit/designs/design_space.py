@@ -127,8 +127,8 @@ def range_variation(
 ) -> Variation:
     """Return a number of the mechanism file that varies over all values of a range.
 
-    `has_angle_unit` says whether the user wrote a unit of angles, so that the number must
-    be an angle.
+    `has_angle_unit` says whether the user wrote the range with a unit of angles. The number
+    of the file must then be an angle.
 
     Raises
     ------

@@ -39,8 +39,8 @@ OK = "OK"
 class StencilPoint(NamedTuple):
     """A point at which a function is evaluated for a difference quotient.
 
-    The derivative is approximately the weighted sum of the values at such points, divided
-    by the step.
+    The first derivative is approximately a sum over several such points, divided by the
+    step. The sum adds the function values at the points, each times its weight.
 
     Attributes
     ----------
@@ -158,8 +158,8 @@ class DesignVariable:
     value
         The value in the file, in the unit of the file.
     geometric_angle
-        Which angle of a link, pair (joint) or output the number is. None for all other
-        numbers, such as angles of loads and contact profiles.
+        The angle of a link, pair (joint) or output that the number states. None for all
+        other numbers, such as angles of loads and contact profiles.
     """
 
     key: str
@@ -243,11 +243,16 @@ def _check_form_of_geometry(document: Document, key: str, path: KeyPath) -> None
 
 
 def _find_geometric_angle(document: Document, path: KeyPath) -> GeometricAngle | None:
-    """Return which angle of a link, pair (joint) or output a number states, or None.
+    """Return which angle of a link, pair (joint) or output a number in a file states.
 
-    The angle of a pair is its variable in a reference pose ("value"), or the angle between
-    its links at which the variable is zero ("zero"). The axis of a pair in that pose and
-    the direction of an output are stated by longitude and latitude ("lonlat").
+    The angle is stored with the design variable (a number that differs between designs).
+    Functions that compute many designs at once take it as an argument.
+
+    A file states the sizes of the links, or a reference pose (a known configuration). With
+    sizes, "zero" of a pair is the angle between its links when its variable is zero. With a
+    reference pose, "value" is the variable of the pair in this pose. The key "lonlat" has
+    the longitude and latitude of a pair axis in this pose, or of the direction of an
+    output.
 
     Parameters
     ----------
@@ -256,11 +261,16 @@ def _find_geometric_angle(document: Document, path: KeyPath) -> GeometricAngle |
     path
         Location of the number in it: the table, then keys, such as
         ``("pairs", "41", "zero")``.
+
+    Returns
+    -------
+    The angle, or None if the number is not an angle of this kind.
     """
     match path:
         case ("links", str(link), "arcs" | "angles" as kind, int(k)):
-            # Axes are numbered from 0, and all arcs start at axis 0. Arc k ends at axis k +
-            # 1. Angle k leads from the first arc to the arc that ends at axis k + 2.
+            # The axes of a link are numbered from 0, and all its arcs start at axis 0.
+            # Arc k ends at axis k + 1. Angle k leads from arc 0 to arc k + 1, which ends at
+            # axis k + 2.
             axes = document.data["links"][link]["axes"]
             end = k + 1 if kind == "arcs" else k + 2
             return GeometricAngle(kind, (link, axes[end]))
@@ -269,7 +279,8 @@ def _find_geometric_angle(document: Document, path: KeyPath) -> GeometricAngle |
         case ("pairs", str(pair), "lonlat", int(k)):
             return GeometricAngle(("longitudes", "latitudes")[k], pair)
         case ("outputs", str(output), "lonlat", int(k)):
-            # The kind of both angles of a direction of an output.
+            # Longitude and latitude of an output have the same kind. The index k, 0 or 1,
+            # tells them apart.
             return GeometricAngle(POINTED, (output, k))
     return None
 
@@ -314,8 +325,8 @@ def check_variables(document: Document, variables: Sequence[DesignVariable]) -> 
     for variable in variables:
         if variable.path in key_by_path:
             raise DesignError(
-                f"{document.name}: {variable.key} and {key_by_path[variable.path]} are the "
-                "same number; leave out one of them"
+                f"{document.name}: {variable.key} and {key_by_path[variable.path]} are two "
+                "keys of the same number in the file; leave out one of them"
             )
         key_by_path[variable.path] = variable.key
 
@@ -411,8 +422,9 @@ def coaxial_links(geometry: SizeGeometry) -> Names:
 def default_quantities(mechanism: Mechanism) -> Names:
     """Return the quantities for which sensitivities are computed by default.
 
-    A sensitivity is the derivative of a quantity with respect to a size. The result is the
-    first of these lists that is not empty:
+    A sensitivity is the derivative of a quantity with respect to a number of the mechanism
+    file, such as the arc of a link. The result is the first of these lists that is not
+    empty:
 
     1. the angles of passive (not driven) revolute pairs that join the two links of an
        output: its link and the link from which its motion is seen,

@@ -371,7 +371,11 @@ class DesignTable(ArrayRows):
 
 
 def _profile_columns_of_modes(profiles: Sequence[ContactProfile], values: Floats) -> Floats:
-    """Return the geometry (columns) of contact profiles in n modes, at r samples.
+    """Return the numbers that describe contact profiles in n modes, at r samples.
+
+    Nine numbers, called columns, describe a profile at the point of contact: the tangent
+    (3), the point (3), the geodesic curvature and its first two derivatives. A kernel
+    (compiled function) gets them as arguments.
 
     Parameters
     ----------
@@ -382,7 +386,8 @@ def _profile_columns_of_modes(profiles: Sequence[ContactProfile], values: Floats
 
     Returns
     -------
-    (columns, r, n) tangents, points and curvatures at the points of contact.
+    (columns, r, n) the nine numbers of the first profile, then those of the second, and so
+    on.
     """
     variable_count, sample_count, mode_count = values.shape
     # The called function has one axis for samples and modes.
@@ -509,7 +514,9 @@ class KernelFigures:
         """Read the figures of merit and list the quantities that they need.
 
         A figure of merit is a number that rates a design. It reduces an expression of
-        quantities at all samples of the inputs to one number, such as the maximum.
+        quantities at all samples of the inputs to one number, such as the maximum. Some
+        figures are evaluated at one point instead, which is a value of each input. An
+        example is ``at(theta_41, 0.5)``.
 
         Parameters
         ----------
@@ -523,8 +530,9 @@ class KernelFigures:
         Raises
         ------
         DesignError
-            If a figure refers to inputs that do not exist, or needs the motion at a point
-            that is not exactly one sample of the time laws.
+            If a figure refers to inputs that do not exist. If the inputs follow time laws,
+            also if a figure needs rates, accelerations or the time at a point, and not
+            exactly one sample has the inputs of this point.
         AnalysisError
             If a figure refers to quantities that do not exist.
         """
@@ -541,7 +549,9 @@ class KernelFigures:
         self.sample_names = sample_names(self.inputs)
         self.columns = sorted(used_names.difference(self.sample_names))
 
-        # Samples at the inputs of figures such as ``at(theta_41, 0.5)``.
+        # Further samples at the points of figures such as ``at(theta_41, 0.5)``. Their
+        # rates and times are a convention. If the inputs follow time laws, the samples of
+        # these laws state them.
         self.points = self._samples_at_points()
         if samples.follows_laws:
             self._take_motion_of_laws(mechanism)
@@ -691,8 +701,10 @@ class KernelFigures:
         input_index = self.inputs.index(merit.place) if merit.place else 0
         # `select_rows` returns the rows of this figure: all samples, or one point.
         q = self.rows[self.select_rows(merit), input_index]
-        # The reduction "swing" (range of a continuous angle) needs to know whether the path
-        # returns to its start. A swing may then continue from its end to its start.
+        # The reduction "swing" is the difference of the largest and the smallest angle,
+        # with full revolutions counted. It needs to know whether the path of samples
+        # returns to its start. The angle may then swing on from the last sample to the
+        # first one.
         is_closed_path = self.samples.is_closed_path
         return reduce_samples(merit.reduction, q, values, is_closed_path)
 

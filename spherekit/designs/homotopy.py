@@ -521,10 +521,11 @@ def _correct(equations: ClosureProblem, predicted: Array) -> PathCorrection:
 def _extrapolate(parameters: Floats, values: Array, slopes: Array, target: Floats) -> Array:
     """Predict the next point of each path by the parabola through its last three points.
 
-    A path is a configuration that changes with a path parameter t. Let t0, t1, t2 be the
-    parameters of the points, x2 the last configuration, and s01 and s12 the slopes between
-    successive points. Newton's form of the parabola is ``x2 + (t - t2) (s12 + (t - t1) (s12
-    - s01) / (t2 - t0))``.
+    A path is a configuration that changes with a path parameter t. The caller corrects the
+    predicted points by Newton's method. Let t0, t1, t2 be the parameters of the last three
+    points, and x2 the configuration at t2. Let s01 and s12 be the slopes of the straight
+    lines from t0 to t1 and from t1 to t2. Newton's form of the parabola is
+    ``x2 + (t - t2) (s12 + (t - t1) (s12 - s01) / (t2 - t0))``.
 
     Parameters
     ----------

@@ -298,8 +298,9 @@ class DesignProfiles:
     def _number_slopes(self) -> list[Floats | None]:
         """For each design variable, the derivatives of the numbers of all profiles.
 
-        None for a variable that changes no profile. The numbers are those of
-        `_all_profile_numbers`.
+        A profile is a contact curve, which numbers such as a radius define. The derivatives
+        of the curves follow from those of these numbers. The order of the numbers is that
+        of `_all_profile_numbers`. The item is None for a variable that changes no profile.
 
         Raises
         ------
@@ -574,8 +575,9 @@ class DirectedProfile(NamedTuple):
         Whether the arc length is counted against the direction in which the file describes
         the curve. At a contact, both arc lengths must increase in the same direction along
         the common tangent. In the file, the body of a link is on the left of its curve. In
-        an external contact the bodies are on opposite sides of the tangent. So both curves
-        have opposite directions in the file, and the second one runs backwards.
+        an external contact the two bodies are on opposite sides of the tangent, so the file
+        describes the two curves in opposite directions. The second curve therefore runs
+        backwards. In an internal contact no curve does.
     """
 
     profile: Profile
@@ -664,10 +666,14 @@ def _differentiate_by_arc_length(columns: Floats) -> Floats:
     curvature k, and the first two derivatives of k. On the unit sphere dt/ds = k (p x t) -
     p and dp/ds = t. The last column cannot be differentiated, so eight columns remain.
 
+    The caller needs them if a design variable moves the start of a profile, so that the
+    contact is at another arc length.
+
     Parameters
     ----------
     columns
-        (9 * profiles, n) columns at n points of contact, each as a row of the array.
+        (9 * profiles, n) columns at n points of contact. Each row of the array is one
+        column. The nine columns of a profile follow one another.
 
     Returns
     -------

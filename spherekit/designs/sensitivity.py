@@ -674,8 +674,8 @@ class Sensitivity:
         values
             (n, variables) pair variables (rad) of the nominal mechanism.
         deviations
-            (numbers, draws) deviations of numbers of the mechanism file: in rad for angles,
-            otherwise in the unit of the file.
+            (numbers, draws) for each draw, the deviations of numbers of the mechanism file:
+            in rad for angles, otherwise in the unit of the file.
 
         Returns
         -------
@@ -688,9 +688,10 @@ class Sensitivity:
         design = self._nominal_design
         numbers_of_draws = design.values[:, None] + deviations
         # (sizes, draws) the sizes in the closure equations follow from the numbers of the
-        # file. They are NaN if a draw is impossible.
+        # file. Sizes that cannot be computed for a draw are NaN.
         sizes, _reasons = self._varied_mechanism.kernel_sizes(numbers_of_draws)
-        # Contact profiles of the draws, if they are not circles.
+        # Contact profiles that are not circles deviate, too. `profiles` is a function that
+        # returns the profiles at each step from the nominal mechanism to a draw.
         profiles = None
         if design.profiles is not None:
             profiles = design.profiles.interpolate_to(deviations)

@@ -163,7 +163,7 @@ class Sweep:
             If there is no figure of merit, if a number cannot be varied, if two columns
             have the same name, or if a condition cannot be parsed.
         """
-        # `tables` says whether the result tables of a run of each design are stored.
+        # A run can compute tables for each design. `tables` says whether they are stored.
         has_results = self.merits or self.tables
         if not has_results:
             quantities = row_quantities(self.mechanism)
@@ -184,7 +184,7 @@ class Sweep:
                 f'called "{repeated[0]}"; give the figure of merit another name, as in '
                 "NAME=REDUCTION(EXPRESSION)"
             )
-        # Parsing the conditions raises an error if one is faulty.
+        # The property parses the conditions, and raises an error if one is faulty.
         _ = self.conditions
 
     def __getstate__(self) -> Facts:
@@ -241,7 +241,8 @@ class Sweep:
                 self.variables,
                 merits,
                 self.samples,
-                # `mode_labels` are those of a run.
+                # The only wanted assembly mode is given by the labels that a run gives it.
+                # So the evaluator has to label modes as a run does.
                 needs_modes_of_runs=bool(self.mode_labels),
             )
         if self.study is None:

@@ -86,6 +86,7 @@ class SweepResult:
         folder is deleted with this process.
         """
         state = dict(vars(self))
+        # If the user named no folder, the parts are in a temporary one.
         if self.folder is None:
             files = (path for path in self._store.rglob("*") if path.is_file())
             state["_store"] = {
@@ -150,8 +151,8 @@ class SweepResult:
     def remarks(self) -> Names:
         """Sentences about the accuracy of the results.
 
-        There is one sentence if several kinds of processors have computed parts of the
-        sweep, and none if not.
+        If several kinds of processors have computed parts of the sweep, one sentence says
+        so. Otherwise there is no sentence.
         """
         if len(self.processors) < 2:
             return ()

@@ -276,19 +276,24 @@ def _require_gradients(specification: Specification) -> DesignEvaluator:
     - A group of links, whose positions are found together, has more than 7 bodies.
     - The closure equations have more than 64 complex solutions (`MAX_SOLUTIONS` of
       `spherekit.designs.homotopy`), too many to follow all of them.
-    - The study has the setting crossings = "pass": where curves of configurations cross,
-      assembly modes (ways to assemble the mechanism) follow the smooth curve.
-    - A contact curve is not a circle, and a number varies that is neither a size of a link
-      nor a number of such a curve.
+    - The study has the setting crossings = "pass". An assembly mode (way to assemble the
+      mechanism) then continues smoothly where two curves of configurations cross.
+    - The profile of a contact is not a circle, and a number varies that is neither a size
+      of a link nor a number of such a profile.
     - The study states an assembly mode, and the mechanism has contacts, or groups other
-      than dyads.
-    - The study requests only the assembly mode of the reference pose, and the file has one.
+      than dyads (groups of two links).
+    - The file gives a reference pose, and the study requests only the assembly mode of this
+      pose.
+
+    With several objectives, a synthesis finds a Pareto front. It then also needs assembly
+    modes that are named by the signs of dyads. A sign tells in which of two ways a dyad is
+    assembled.
 
     Raises
     ------
     DesignError
         If the gradients cannot be computed, or if there are several objectives and modes
-        are not named by the signs of dyads (groups of two links).
+        are not named by the signs of dyads.
     """
     sweep = specification.sweep
     evaluator = sweep.evaluator

@@ -47,8 +47,9 @@ class ModeOrigin:
     def track_to(self, design: DesignPoint) -> Floats:
         """Return the configurations of the mode in another design, at the same inputs.
 
-        The sizes change gradually to the sizes of the other design. Newton's method closes
-        the loops of links at each step.
+        Callers evaluate the other design in this mode, or compare the configurations with
+        those of a mode of the other design. The sizes change gradually to the sizes of the
+        other design. Newton's method closes the loops of links at each step.
 
         Returns
         -------
@@ -172,13 +173,17 @@ class SynthesisMode:
 def find_labelled_modes(
     evaluator: DesignEvaluator, designs: Floats, labels: Sequence[str]
 ) -> list[SynthesisMode | None]:
-    """Return the assembly mode of each design that has the label of a table row.
+    """Return, for each design, its assembly mode with a given label.
 
-    An assembly mode is one way to assemble the mechanism. A dyad is a group of two links
-    with three revolute pairs. If all groups are dyads and all contact profiles are circles,
-    the label is a sign for each dyad, such as ``"+-"``. Such a label describes the mode
-    completely, and nothing is searched. If not, all modes of each design are searched at
-    the samples of the evaluator.
+    A synthesis first evaluates many designs. Each row of the result has a design and the
+    label of one of its assembly modes (ways to assemble the mechanism). Local optimisations
+    start from the best rows, and follow their modes while the design changes.
+
+    A dyad is a group of two links with three revolute pairs. If all groups are dyads and
+    all contact profiles are circles, the label is a sign for each dyad, such as ``"+-"``.
+    This label describes the mode completely, so no search is needed. If not, the label has
+    a number and signs. All modes of each design are then searched at the samples of the
+    evaluator.
 
     Parameters
     ----------
@@ -195,6 +200,7 @@ def find_labelled_modes(
     The mode of each design. After a search, the item is None for a design without a mode of
     this label.
     """
+    # The signs of dyads identify the modes, and are their labels.
     if not evaluator.has_unsigned_modes:
         return [SynthesisMode(label) for label in labels]
     # A design may occur several times, with different labels, but is searched once.

@@ -115,7 +115,7 @@ class Specification:
         try:
             return tuple(parse(text, names) for text in self.minimise)
         except ModelError as problem:
-            raise DesignError(f"minimise: {problem}") from None
+            raise DesignError(f"minimise: in the expression, {problem}") from None
 
     def select_rows(self, columns: Columns) -> tuple[Columns, Floats]:
         """Return the rows of a table of designs that a synthesis can compare.
@@ -325,9 +325,10 @@ class PopulationScorer:
     def score(self, points: Floats) -> PopulationScores:
         """Return the objectives and violated conditions of designs.
 
-        An assembly mode is one way to assemble the mechanism. Designs that cannot be
-        assembled in the mode get large values, and so do designs with objectives that are
-        not finite. So other designs are preferred, unless they violate conditions by more.
+        An assembly mode is one way to assemble the mechanism. A design gets the large value
+        `MISSING_DESIGN_VIOLATION` if it cannot be assembled in the mode, or if an objective
+        is not finite. The search therefore prefers any other design that violates
+        conditions by less than this value.
 
         Parameters
         ----------

@@ -376,7 +376,8 @@ class VariedMechanism:
         """Return the directions of outputs that may differ between designs, by output.
 
         A design is one choice of the numbers that vary. An output is a direction fixed in a
-        link. Two kinds may differ:
+        link. Formulas for many designs use the result in place of the directions in the
+        file. Two kinds of outputs may differ:
 
         - An output along the axis of a pair (joint). Its direction follows from the sizes
           of the link, which may vary. Its item in the result is the name of the pair.
@@ -441,8 +442,8 @@ class VariedMechanism:
 
         A kernel is a function that computes quantities of many designs (choices of numbers
         of a mechanism) at once. Some sizes are design variables themselves, such as the arc
-        of a link. The others describe contacts, masses and loads. They are read from the
-        mechanism file with the values of the design.
+        of a link. The others describe contacts, masses and loads. To read them, the values
+        of the design are set in the mechanism file.
 
         Parameters
         ----------
@@ -840,11 +841,17 @@ class VariedMechanism:
     def _designs_near_file(self) -> list[Floats]:
         """Possible designs (variables,) near the one in the file.
 
-        They are the trials. If all trials are impossible, all variables are changed by
-        smaller amounts. The file may allow only small changes: it refuses an inertia tensor
-        with one component that is far too large, and coordinates of a unit vector whose
-        length is not 1 within a tolerance. Whole numbers are doubled. The list is empty if
-        these changes are impossible too.
+        Derivatives in these designs are compared with those in the file, to find out which
+        are constant. In each design all variables are changed at once. Three kinds of
+        changes are tried in this order, until one gives a possible design:
+
+        1. The changes of `_trials`.
+        2. Smaller changes. The file reader refuses some larger ones: an inertia tensor with
+           one component that is far too large, or coordinates of a unit vector whose length
+           is not 1 within a tolerance.
+        3. A change by the whole magnitude of each variable, or by 1 if it is zero.
+
+        The list is empty if all these changes are impossible.
         """
         if self._trials:
             return [design for design, _ in self._trials]
@@ -863,7 +870,8 @@ class VariedMechanism:
             ]
             if possible_designs:
                 return possible_designs
-        # Numbers of teeth are whole, so that only a larger change may be possible.
+        # Numbers of teeth are whole numbers, so small changes are impossible for them.
+        # A positive variable is doubled.
         doubled_design = self.nominal_values + step_scales
         if self._read_numbers_if_possible(doubled_design) is not None:
             return [doubled_design]

@@ -413,8 +413,9 @@ def _check_forces_determined(
     A pair (joint) transmits a couple, and a force through the centre O of the sphere. The
     force loads the bearings and so causes friction.
 
-    The force is not determined if the equations have several solutions for this force. If
-    no pair holds some link at O, the forces in all pairs count as not determined.
+    The force is not determined in two cases. The equations of equilibrium can have several
+    solutions for it. Or there is a link that no pair holds at O: the forces in all pairs
+    then count as not determined.
 
     Parameters
     ----------
@@ -427,12 +428,18 @@ def _check_forces_determined(
     """
     mechanism = driven.mechanism
     equations = balance.equations
-    is_open = equations.open_components[:, mechanism.pair_number[friction.pair]]
-    if not np.any(is_open) and not np.any(equations.slides):
+    pair_number = mechanism.pair_number[friction.pair]
+    # Whether the equations leave a component of the moment or force of this pair open.
+    has_several_solutions = np.any(equations.open_components[:, pair_number])
+    # Whether some link can be displaced from O.
+    is_link_loose = np.any(equations.slides)
+    if not has_several_solutions and not is_link_loose:
         return
-    # Phrases for the information that the file lacks. The first row is enough for advice.
+    # Phrases for the information that the file lacks, such as the distance of a contact.
+    # They are found from the pair axes in the first row (sample) of the motion.
     frames = driven.motion.frames[0]
     lacking_information = diagnose_indeterminate_forces(mechanism, frames).wanted
+    # "Both" in the advice means the force and the friction.
     advice = ""
     if lacking_information:
         advice = f"; to determine both, state in the file: {listing(lacking_information)}"
@@ -545,7 +552,9 @@ def _solve_friction(equation: FrictionEquation) -> CarriedLoads:
         carried = np.where(is_newton_better, newton_loads, fixed_point_loads)
 
         change = max_abs(carried - previous, axis=1)
-        # Rows with NaN do not count as converged.
+        # Rows that do not contract take part in each iteration. They ask for no further
+        # one, because their friction counts as unknown anyway. Rows with NaN do not count
+        # as converged.
         is_converged = change <= CARRIED_LOAD_TOLERANCE * np.max(carried, axis=1)
         needs_iteration = is_contracting & ~is_converged
         if iterations == MAX_FRICTION_ITERATIONS or not np.any(needs_iteration):

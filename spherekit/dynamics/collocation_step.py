@@ -91,7 +91,8 @@ class ClosureDeterminantRecord:
     ) -> "ClosureDeterminantRecord":
         """Return the record of the closure determinant up to the end of a step.
 
-        The sign only changes where curves of configurations cross. Without a crossing, the
+        The simulation compares the determinants of the next step with this record. The sign
+        only changes where curves of configurations cross. Without a crossing, the
         sign before the step is kept, since a small determinant can have a wrong sign by
         rounding.
 

@@ -120,16 +120,16 @@ class CompiledRuns:
     A run is an integration of one compiled equation of motion. With one degree of freedom
     its coordinate is the arc length of the curve of configurations. With several degrees of
     freedom, its coordinates are some of the pair variables (joint angles). A new run begins
-    when these coordinates no longer determine the motion well, or when the steps get a
-    smaller tolerance.
+    when these coordinates no longer determine the motion well. Near a possible crossing of
+    curves, a new run with a smaller tolerance of its steps begins.
 
     Attributes
     ----------
     runs
         The runs in order of time.
     momentum_conversions
-        For each run an object that converts its states to those of a `Simulation`,
-        which have other momenta.
+        For each run an object that converts its states to those of a `Simulation`. The
+        compiled engine and the simulation define the momenta in a state differently.
     compile_seconds
         Time that compiling took, s.
     """
@@ -422,6 +422,7 @@ def _check_crossing(problem: Problem, run: TaylorRun) -> None:
     # The reciprocal condition number of all closure equations is 0 at a crossing.
     reciprocal = reciprocal_condition(equation.closure, values, equation.freedoms)
     if reciprocal > MAX_RECIPROCAL_CONDITION_AT_CROSSING:
+        # The second argument is advice: use the other engine.
         raise EngineError(
             f"{equation.mechanism.name}: its closure equations are redundant, and the "
             "equations that were chosen as independent become dependent at t = "

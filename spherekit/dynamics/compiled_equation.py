@@ -103,8 +103,8 @@ class CompiledEquation:
         without conditions.
     probe_function
         A function that computes from state, time and parameters the rates of the momenta,
-        then the arguments of steep functions in loads, such as x in tanh(1000 x). Near a
-        zero or an extremum of its argument, such a function changes too fast for the Taylor
+        then the arguments of steep functions in loads, such as x in tanh(1000 x). Where its
+        argument passes or nearly touches 0, such a function changes too fast for the Taylor
         series of a step. None if no load has such functions.
     tolerance
         Tolerance of a step, relative to the largest element of the state.
@@ -142,8 +142,8 @@ class CompiledEquation:
         -------
         (n, m, variables) the homogeneous rates with respect to each coordinate.
         """
-        # (m * variables + 1, n). The last row is another quantity, the measure of
-        # independence of the loop-closure equations.
+        # (m * variables + 1, n): first one row for each homogeneous rate. The last row is
+        # another quantity, the measure of independence of the loop-closure equations.
         outputs: Floats = self.rates_function(values.T)
         rates = outputs[:-1]
         layout = self.layout

@@ -54,10 +54,11 @@ class CoordinateMotion(ArrayRows):
         coordinate k. NaN if only the first order was requested.
     status
         (n,) OK, unless a contact of two profiles is impossible: OFF_PROFILE (beyond the end
-        of a profile) or CURVATURE (the profiles have equal curvature there, or enter each
-        other).
+        of a profile) or CURVATURE (the profiles have equal curvature at the contact, or
+        penetrate each other).
     frames
-        (n, pairs, 3, 3) frames of the pairs (joints) in ground axes.
+        (n, pairs, 3, 3) frames of the pairs (joints) in ground axes. Of the two frames of a
+        pair, this is the one in its first link.
     """
 
     values: Floats
@@ -72,8 +73,10 @@ class CoordinateMotion(ArrayRows):
     def with_senses(self, senses: Floats) -> "CoordinateMotion":
         """Return the motion with all coordinates reversed in rows that have the sense -1.
 
-        A row is one configuration. First derivatives change their signs. Second derivatives
-        stay the same, because two signs cancel.
+        A row is one configuration. If the coordinate is the arc length of a curve, it is
+        computed with an arbitrary sense. The caller knows which sense is wanted in each
+        row. First derivatives change their signs. Second derivatives stay the same, because
+        two signs cancel.
 
         Parameters
         ----------
@@ -356,6 +359,7 @@ def determinacy(rates: Floats) -> Floats:
 
     The measure is 1 / N with the 2-norm N of the matrix of rates. N is the largest length
     of the vector of all rates, if the vector of the coordinates' rates has length 1.
+    Callers treat a configuration as singular if the measure is below a limit.
 
     Parameters
     ----------

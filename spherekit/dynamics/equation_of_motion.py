@@ -321,9 +321,9 @@ class EquationOfMotion:
             coordinates: (m, variables) in all rows, or (n, m, variables) for each row.
 
             With one degree of freedom, approximate tangents of the curve instead:
-            (n, 1, variables) for each row, or (1, variables) for the first row. Arc length
-            increases in the direction of the tangent. A row without a tangent keeps the
-            direction of the row before.
+            (n, 1, variables) for each row, or (1, variables) for the first row. They only
+            decide the sense of the computed tangents, which is the sense in which arc
+            length increases. A row without a tangent keeps the sense of the row before.
         order
             Order of the derivatives, 1 or 2.
         """
@@ -395,14 +395,20 @@ class EquationOfMotion:
             works of the loads (J). u are the rates of m coordinates. R is the symmetric
             square root of the inertia matrix M = R R.
         rate_weights
-            (m, variables) or (n, m, variables) weights of the rates of the pair variables
-            in the rate of each coordinate, see `compute_motion`.
+            (m, variables) or (n, m, variables). With several degrees of freedom, the rate
+            of a coordinate is the sum of the rates of the pair variables, each times its
+            weight. With one, these are approximate tangents of the curve of configurations.
+            They only decide in which of its two senses the curve is followed. The exact
+            tangents are computed (see `compute_motion`).
         whole_turns
             (n, variables) multiples of 2 pi (rad) that the states leave out, but on which
             loads such as springs may depend.
         needs_second_order
             Whether the caller needs `StateDynamics.masses`, the inertia with derivatives.
         """
+        # Second derivatives give the Coriolis forces. With several degrees of freedom,
+        # momentum rates depend on these forces. Accelerations always do, and bearing
+        # friction depends on accelerations.
         has_friction = bool(self.loads.friction_components)
         has_second_order = needs_second_order or self.freedoms > 1 or has_friction
         order: Order = 2 if has_second_order else 1
@@ -416,8 +422,8 @@ class EquationOfMotion:
         if masses is not None:
             coriolis_forces = coriolis(masses.dM, speed)
         else:
-            # With one degree of freedom the Coriolis force is not needed: in dp/dt the
-            # force cancels with (dR/dt) u, and dp/dt = R^-1 Q.
+            # The Coriolis force is not needed here. With one degree of freedom it cancels
+            # with (dR/dt) u in the momentum rate, so dp/dt = R^-1 Q.
             coriolis_forces = np.zeros_like(momenta)
         # Only loads, such as springs, depend on whole turns.
         motion = replace(motion, values=motion.values + whole_turns)

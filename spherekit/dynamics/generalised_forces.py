@@ -264,7 +264,7 @@ class Loads:
         t: Floats,
         carried: Floats | None = None,
     ) -> Floats:
-        """Return the generalised forces (n, m, loads) of each load, N m.
+        """Return the generalised forces (n, m, loads) of all loads, N m.
 
         A generalised force is the power of the load per unit rate of one coordinate. A load
         is the sum of its components, such as the three components of a force.
@@ -285,8 +285,8 @@ class Loads:
         """
         # (n, components) N m or N.
         magnitudes = self.evaluate_magnitudes(motion, speed, t, carried)
-        # (n, m, components) velocities at which the components work, per unit rate of each
-        # coordinate.
+        # (n, m, components) velocities on which the components do work, such as the rate of
+        # a pair, per unit rate of each coordinate.
         velocities = self.velocities(motion)
         # (n, m, components) power of each component per unit rate of each coordinate.
         component_forces = magnitudes[:, None] * velocities

@@ -70,12 +70,12 @@ def judged(
     rates: Floats,
     has_unknown_friction: Bools | bool,
 ) -> SmallIntegers:
-    """Set unknown torques and their parts to NaN in place; return the status.
+    """Set unknown inertia, loads and torques to NaN in place; return the status of torques.
 
     A row is one sample of a motion. Three rules say what is known in a row:
 
-    - Inertia is known if the rates are.
-    - Loads are known if the rates and the friction are.
+    - Inertia is known if the rates of the pair variables are known.
+    - Loads are known if these rates and the friction in bearings are known.
     - Torques are known if all loads of the row are known.
 
     A number that overflows is not known either.
@@ -83,7 +83,7 @@ def judged(
     Parameters
     ----------
     status
-        (n,) status of the rates.
+        (n,) status of the rates of the pair variables. They are known if it is OK.
     masses
         Contributions of links to the inertia matrix M (`M_parts`) and to its derivatives
         (`dM_parts`). Its arrays are changed.
@@ -471,6 +471,9 @@ def _motion_of_rotation(mechanism: Mechanism, schedule: TimeScaling, t: Floats) 
 def needed_torques(motion: Motion) -> InverseSolution:
     """Return the torques at the inputs that a motion in time needs.
 
+    The torques balance the inertia forces and the loads. The result also has the parts from
+    which the torques were computed.
+
     Parameters
     ----------
     motion
@@ -488,14 +491,16 @@ def needed_torques(motion: Motion) -> InverseSolution:
     is_singular = _find_singular_rows(motion, coordinates)
     status[(status == Status.OK) & is_singular] = Status.AT_SINGULARITY
 
-    # First the torques without friction of bearings. `balancing` explains `rows`.
+    # First the torques without friction of bearings. `balancing` computes them from inertia
+    # and loads, and copies `rows` to the solution, where they say to what each row belongs.
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     solution = balancing(mechanism, rows, timing, coordinates, status)
     loads = Loads(mechanism)
     if loads.friction_components:
         # Friction of bearings depends on the forces that they carry, which depend on the
         # torques. An iteration solves for these forces (`friction.carried`). Then the
-        # torques are computed again.
+        # torques are computed again. Where the forces are not determined, for example
+        # because bearings may lock (`friction.is_unknown`), the torques become NaN.
         has_torques = all_finite(solution.torques, 1)
         driven = DrivenState(mechanism, coordinates, timing, solution.torques)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -507,7 +512,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
             timing,
             coordinates,
             status,
-            locked=friction.is_unknown,  # no torques where bearings may lock
+            locked=friction.is_unknown,
             carried=friction.carried,
         )
         solution = replace(solution, rounds=friction.iterations)
@@ -566,8 +571,9 @@ def balancing(
     mechanism
         The mechanism with its inputs.
     rows
-        Four arrays: (n,) numbers of the samples, (n,) numbers of the assembly modes,
-        (n, inputs) values of the inputs (rad), and (n,) closure residuals (rad).
+        Four arrays that are copied to the result: (n,) numbers of the samples, (n,) numbers
+        of the assembly modes, (n, inputs) values of the inputs (rad), and (n,) closure
+        residuals (rad).
     timing
         Times, rates and accelerations of the inputs.
     coordinates
@@ -575,7 +581,8 @@ def balancing(
     rate_status
         (n,) status of the rates.
     locked
-        (n,) whether the friction of bearings is not determined.
+        (n,) whether the friction of bearings is not determined, for example because the
+        bearings may lock. The torques of these rows are NaN.
     carried
         (n, k) loads of bearings and contacts, to which friction is proportional; see
         `InverseSolution`. None leaves this friction out.

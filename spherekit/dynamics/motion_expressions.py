@@ -247,8 +247,9 @@ class EquationExpressions:
         Measure of the independence of the loop-closure equations. The measure is zero where
         these equations depend on each other, which is where curves of configurations cross.
     events
-        Events that end an integration or are only noted. Events of joint limits and of
-        loads that change abruptly are added later.
+        Conditions that are watched during an integration. Some events end it, and others
+        are only recorded. Events of joint limits and of loads that change abruptly are
+        added later.
     load_state
         Symbols in the expressions of loads: variables, rates, orientations of links and
         the time.

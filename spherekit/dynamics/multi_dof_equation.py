@@ -165,11 +165,13 @@ def _derive_independence(
 def _derive_closure_determinant(coordinate_rates: CoordinateRates, freedoms: int) -> Expr:
     """Return det(J J^T) of the velocity equations J v' = 0 of the loops, as an expression.
 
-    The determinant is zero where the equations depend on each other. v' are the rates of
-    the pair variables (joint angles). The result is computed from solutions v' of the
-    equations, which are known already:
+    The determinant is zero where the equations depend on each other. The caller uses it to
+    end a simulation near such a configuration. v' are the rates of the pair variables
+    (joint angles). The result is computed from solutions v' of the equations, which are
+    known already:
 
-    - m is the number of coordinates (degrees of freedom). Each of m inputs is a coordinate.
+    - m is the number of degrees of freedom. The coordinates are m pair variables, whose
+      rates determine the rates of all others.
     - Row i of a matrix R has the rates of all variables per unit rate of coordinate i.
     - D is the determinant of the columns of J that belong to the other variables.
     - By a theorem of linear algebra, det(J J^T) = D^2 det(R R^T).

@@ -475,12 +475,15 @@ class Collocation:
     ) -> tuple[Floats, CollocationStep | None]:
         """Return the state at which the next step starts, and the step that it continues.
 
-        The method also updates `rate_weights`. With one degree of freedom the coordinate is
-        always the arc length of the curve of configurations. `rate_weights` is then the
-        present tangent, which shows the next step in which direction arc length increases.
-        With several degrees of freedom, coordinates are sums of the pair variables (joint
-        angles) with these weights. The coordinates are replaced before they become nearly
-        dependent.
+        The method also updates `rate_weights`, which defines the coordinates of the motion:
+
+        - With one degree of freedom, the only coordinate is the arc length of the curve of
+          configurations. `rate_weights` is set to the unit tangent at the end of the step.
+          The next step needs the tangent, because it shows in which direction the arc
+          length increases.
+        - With several degrees of freedom, the rate of a coordinate is a weighted sum of the
+          rates of the pair variables (joint angles). `rate_weights` has the weights. New
+          weights replace them before the coordinates become nearly dependent.
 
         Parameters
         ----------
@@ -524,8 +527,8 @@ class Collocation:
         dynamics = self._evaluate_dynamics(np.zeros(1), self.start_state[None])
         # The rates u of all coordinates.
         speed = float(np.linalg.norm(dynamics.speed))
-        # Momenta are p = R u with the symmetric root R of the inertia matrix. R^-1 dp/dt is
-        # therefore about du/dt; this estimate ignores the change of R.
+        # Momenta are p = R u with the symmetric root R of the inertia matrix. If R is taken
+        # as constant, dp/dt = R du/dt. So the acceleration du/dt is about R^-1 dp/dt.
         acceleration = float(np.linalg.norm(dynamics.roots.solve(dynamics.momentum_rates)))
         inverse_length = max(
             speed / FIRST_STEP_ARC, (acceleration / FIRST_STEP_ARC) ** 0.5, 1.0
@@ -710,9 +713,10 @@ class Collocation:
     ) -> bool:
         """Return whether the loads within a step agree with the polynomial of the step.
 
-        The polynomial is fitted at the nodes only. A load that changes abruptly between two
-        nodes would not be noticed. The rates of the momenta are therefore compared at
-        further times (probes).
+        The polynomial describes the rates of the state as functions of time. It is fitted
+        at the nodes only. A load that changes abruptly between two nodes would not be
+        noticed. At further times (probes), the rates of the momenta from the polynomial are
+        therefore compared with those from the loads. A step that does not pass is rejected.
 
         Parameters
         ----------
@@ -741,7 +745,7 @@ class Collocation:
 
             The first result (n,) is the error as a multiple of the allowed error. The
             second result (n, k) has the arguments of steep functions, such as x in
-            tanh(1000 x). Near their zeros a load changes fast.
+            tanh(1000 x). A load changes fast where an argument is nearly 0.
             """
             rate_errors, steep_arguments = self._probe_step(step, fractions)
             return np.max(rate_errors, axis=1) / allowed_rate_error, steep_arguments
@@ -754,11 +758,12 @@ class Collocation:
     def _probe_step(
         self, step: CollocationStep, fractions: Floats
     ) -> tuple[Floats, Floats]:
-        """Compare the rates of the momenta within a step with the loads.
+        """Compare two values of the rates of the momenta at some times within a step.
 
-        The rates are computed in two ways: by the polynomial of the step, which was fitted
-        to the rates at its nodes, and from the loads at the times of the probes. The
-        results of the two ways differ if a load changes abruptly between two nodes.
+        The first value is that of the polynomial of the step, which was fitted to the rates
+        at its nodes. The second value is computed from the loads at the times (probes). The
+        values differ if a load changes abruptly between two nodes. The caller then rejects
+        the step. The returned arguments show the caller where further probes are needed.
 
         Parameters
         ----------
@@ -772,15 +777,18 @@ class Collocation:
         rate_errors
             (n, m) absolute differences of the rates of the m momenta.
         steep_arguments
-            (n, k) arguments x of functions such as sign(x) or tanh(x) in the loads. Such a
-            load may change abruptly where x is zero or has an extremum.
+            (n, k) arguments x of functions such as sign(x) or tanh(1000 x) in the loads. A
+            load with this function may change abruptly where x passes or nearly touches 0.
+            The caller searches for zeros and extrema of x: at an extremum x can touch 0.
         """
         equation = self.equation
         t = step.start + fractions * step.length
         states = step.evaluate_state(t)
-        # The weights define the coordinates to which the momenta in the states belong.
+        # The rate of a coordinate is a weighted sum of the rates of the pair variables. A
+        # state has a momentum for each coordinate, so `evaluate` needs the weights.
         rate_weights = self._find_rate_weights(step, fractions)
-        # Angles in states are without whole turns (rad), on which loads may depend.
+        # A load, such as a spring, may depend on whole turns of an angle. The angles in
+        # states lack these turns, so they are passed as well (rad).
         whole_turns = self.problem.turn_angles
         dynamics = equation.evaluate(t, states, rate_weights, whole_turns)
         fitted_rates = step.evaluate_rate(t)[:, equation.momenta]
@@ -793,9 +801,10 @@ class Collocation:
     def _find_rate_weights(self, step: CollocationStep, fractions: Floats) -> Floats:
         """Return the weights that define the coordinates at times within a step.
 
-        `EquationOfMotion.evaluate` needs the weights. The rate of coordinate i is row i of
-        the weights times the rates of the pair variables (joint angles). With several
-        degrees of freedom, the weights are the same in the whole step.
+        The rate of coordinate i is the sum of the rates of the pair variables (joint
+        angles), multiplied by the weights of row i. Each momentum in a state belongs to one
+        coordinate, so `EquationOfMotion.evaluate` needs the weights. With several degrees
+        of freedom, the weights are the same in the whole step.
 
         With one degree of freedom, the coordinate is the arc length of the curve of
         configurations, and the weights are the unit tangent of this curve. `evaluate` then
@@ -845,8 +854,8 @@ class Collocation:
         step
             The step.
         determinants
-            (N,) closure determinants at its nodes. These determinants are zero and change
-            their sign at a crossing.
+            (N,) closure determinants at its nodes, the times at which the equations are
+            evaluated. The determinant is zero and changes its sign at a crossing.
         """
         if not self.problem.passes_crossings:
             return True
@@ -863,7 +872,7 @@ class Collocation:
         crossing_time = step.find_crossing(determinants, record)
         if ends_near_crossing or crossing_time is None:
             return False
-        # A change of sign can be a change to another set that is near.
+        # The sign can also change because the step has jumped to another set that is near.
         return self._is_true_crossing(step, crossing_time)
 
     def _is_true_crossing(self, step: CollocationStep, t: float) -> bool:
@@ -1163,11 +1172,15 @@ def _momentum_newton_matrix(slopes: Floats, length: float) -> Floats:
 def _allowed_momentum_rate_error(
     tolerance: float, momentum_size: float, length: float
 ) -> float:
-    """Return the error of momentum rates that is allowed between the nodes of a step.
+    """Return the largest error of momentum rates that a step may have at a probe.
+
+    Probes are times between the nodes, the times at which the polynomial of a step is
+    fitted to the rates. The error is the difference of the polynomial from the rates by the
+    loads. If it is larger at a probe, the caller rejects the step.
 
     An error e of the rates is assumed to cause the error e * length / ERROR_DIVISOR of the
-    momentum. The same is assumed when the error of a step is estimated. The error of the
-    momentum must not exceed MAX_PROBE_ERROR_RATIO * tolerance * momentum_size.
+    momentum, as in `_truncation_errors`. The error of the momentum must not exceed
+    MAX_PROBE_ERROR_RATIO * tolerance * momentum_size.
 
     Parameters
     ----------

@@ -78,7 +78,8 @@ def output_stiffness(
     turn the inputs by w_i . m / k_i, and therefore the link by C m with the compliance C =
     sum of w_i w_i^T / k_i. Here w_i is the angular velocity of the link per unit rate of
     input i, and k_i the stiffness of this input. The principal stiffnesses are the
-    reciprocals of the eigenvalues of C. Changes of the loads are left out.
+    reciprocals of the eigenvalues of C. The loads count as constant, even
+    if they would change when the link yields.
     """
     link_number = solution.mechanism.link_number
     all_w = solution.motion.w
@@ -95,14 +96,15 @@ def output_stiffness(
     # Eigenvalues in rising order, and eigenvectors in columns.
     principal_compliances[is_ok], columns = np.linalg.eigh(compliance[is_ok])
     axes[is_ok] = np.swapaxes(columns, 1, 2)
-    # Axes that do not yield have no direction. Their stiffness becomes infinite below.
+    # Axes about which the link does not yield get NaN, and an infinite stiffness below.
     is_rigid = principal_compliances < (
         MIN_RELATIVE_COMPLIANCE * principal_compliances[:, -1:]
     )
     principal_compliances[is_rigid] = 0.0
     axes[principal_compliances == 0.0] = np.nan
-    # Of the two senses of an axis, the one on the side of a weighted sum of the angular
-    # velocities is chosen. The weights differ, so that opposite velocities do not cancel.
+    # An eigenvector has an arbitrary sense. The sense on the side of a weighted sum of the
+    # angular velocities w_i is chosen. The weights differ, so that two opposite velocities
+    # do not cancel.
     weights = 1.0 + np.arange(w.shape[1])
     side = np.sum(w / weights[:, None], axis=1)
     axes *= np.where(axes @ side[..., None] < 0.0, -1.0, 1.0)

@@ -397,7 +397,7 @@ class StoredModel:
     def velocity(self, pole: str, q: ArrayLike) -> Floats:
         """Return the angular velocity of a link relative to another, for each of m inputs.
 
-        This is for a model over a box (the ranges of the inputs).
+        This method is for a model over a box, which the ranges of the m inputs form.
 
         Parameters
         ----------
@@ -535,7 +535,9 @@ class StoredModel:
                 # `parse` only checks the expression here. The load stores the text.
                 parse(text, load_names(heading.angles))
             except ModelError as error:
-                raise ModelError(f"{heading.mechanism}: torque: {error}") from None
+                raise ModelError(
+                    f"{heading.mechanism}: torque: in the expression, {error}"
+                ) from None
             # The power of the load is the torque times the rate of this variable.
             loads.append(StoredLoad(name, (f"theta_{pair}",), (text,)))
         # `self.groups` are the series of the functions, which stay the same.
@@ -548,9 +550,8 @@ class StoredModel:
         torques of a motion are computed. The archive has a heading as text, which describes
         them, and arrays with their Chebyshev series.
 
-        The domain of the functions is divided into cells, each with its own series. A group
-        has the functions that share one division. Group k has arrays such as
-        "coefficients_k".
+        The domain of a function is divided into cells, each with its own series. Functions
+        with the same cells form a group. Group k has arrays such as "coefficients_k".
 
         Raises
         ------

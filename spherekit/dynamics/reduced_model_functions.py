@@ -76,13 +76,18 @@ class FunctionKind(Enum):
 class FunctionLabel:
     """The name, the unit and the kind of a function that a reduced model stores.
 
+    A reduced model stores functions of the configuration of a mechanism, such as inertias,
+    as Chebyshev series. The label tells relative to which size the error of the series is
+    judged (`function_scales`).
+
     Attributes
     ----------
     name, unit
         Name and unit in the description of the model.
     kind
-        Kind of the function, such as an angle or an inertia. The error of a small function
-        is judged relative to a fraction of the largest function of the same kind.
+        Kind of the function, such as an angle or an inertia. The error of a function is
+        judged relative to its size. This size counts as at least `MIN_RELATIVE_SCALE` times
+        the size of the largest function of the same kind.
     vector
         Name of the vector of which the function is a component, or empty. Errors of all
         components are judged relative to the largest component.

@@ -221,14 +221,15 @@ class StoredHeading:
 
         The torque at coordinate i has the part sum c_i,ab x_a' x_b' over all a and b, with
         the rates x_a' of the coordinates and the Christoffel symbols c_i,ab of the inertia
-        matrix. Since c_i,ab = c_i,ba, only symbols with b <= a are stored. For b < a the
-        term therefore gets the factor 2.
+        matrix. A reduced model stores these symbols as functions. Since c_i,ab = c_i,ba,
+        only symbols with b <= a are stored. A term with b < a stands for two equal terms,
+        so its factor is 2.
         """
         if self.is_curve:
             # There is one coordinate x, and the only symbol is 1/2 dB/dx with the inertia
             # B. The derivative dB/dx is stored.
             return [[VelocityTerm(self.derivative("B"), 0.5, 0, 0)]]
-        names = self.by  # of the coordinates
+        names = self.by  # names of the coordinates
         terms_by_coordinate = []
         for name in names:
             terms = []

@@ -135,10 +135,11 @@ class ClosedConfigurations:
 def load_velocity_names(loads: Loads) -> dict[int, str]:
     """Return names for the velocities on which loads work, as a reduced model stores them.
 
-    A load has one component or, as a force, up to three. The power of a component is its
-    magnitude times a velocity. For a component that acts on a link, the model stores this
-    velocity per unit rate of each coordinate. A component at a pair (joint) is left out: it
-    works on the rate of the pair, which is stored as a derivative of the pair variable.
+    A load is the sum of one or several components. For example, a force can have three. The
+    power of a component is its magnitude times a velocity. For a component that acts on a
+    link, the model stores this velocity per unit rate of each coordinate. A component at a
+    pair (joint) is left out, because its velocity is the rate of the pair variable. This
+    rate follows from the derivatives of the variable, which the model stores anyway.
 
     Returns
     -------
@@ -288,17 +289,20 @@ class Sampler:
         return labels
 
     def _label_load_velocities(self, heading: StoredHeading) -> list[FunctionLabel]:
-        """Return labels (name, unit, kind) of the velocities of load components.
+        """Return labels of the functions that are velocities of load components.
 
-        A load may be a sum of components, such as the x, y and z parts of a force. The
-        power of a component is its size times its velocity.
+        A label has the name, unit and kind of a function that the reduced model stores. A
+        load may be a sum of components, such as the x, y and z parts of a force. The power
+        of a component is its size times its velocity.
         """
         labels = []
         for component, velocity_name in self.load_velocities.items():
             load = self.loads.load_of_component[component]
             unit = self.mechanism.loads[load].velocity_unit
-            # Errors of functions with the same name `vector` are judged relative to the
-            # largest value of all. With several coordinates, each function is judged alone.
+            # The error of a stored function is judged relative to its largest value. A
+            # model along a curve has one coordinate. There, the components of a load have
+            # a common name `vector`. Their errors are judged relative to the largest value
+            # of all these components.
             if heading.is_curve:
                 vector = f"load {self.loads.names[load]}"
             else:
@@ -604,7 +608,7 @@ class CurveSampler(Sampler):
         (input_variable,) = self.driven
         start_input = self.nodes.values[0, input_variable]
         # The change of q in one lap along the curve: `lap_length` is its size (rad), and
-        # `input_sense` is -1 if q falls.
+        # `input_sense` is -1 if q decreases along the curve.
         input_change = self.input_sense * self.lap_length
         laps = np.floor((q - start_input) / input_change)
         input_within_lap = q - laps * input_change
@@ -1080,12 +1084,15 @@ def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats
 
 
 def _evaluate_pole(motion: CoordinateMotion, pole: Pole, direction: Floats) -> Floats:
-    """Return the five functions of a pole, the axis of relative rotation of two links.
+    """Return the five numbers that a reduced model stores for a pole, at n configurations.
+
+    A pole is the axis of relative rotation of two links. The five numbers are functions of
+    the model's only coordinate. The model has series that are fitted to their values.
 
     Parameters
     ----------
     motion
-        n configurations and their derivatives with respect to one coordinate.
+        n configurations and their derivatives with respect to the coordinate.
     pole
         Numbers of the two links.
     direction

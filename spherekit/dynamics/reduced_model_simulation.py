@@ -171,7 +171,8 @@ def simulate_reduced(
         sqrt(B), Q / sqrt(B) and Q dx/dt.
 
         The integrator also tries coordinates beyond the ends `low` and `high` of an open
-        curve of configurations. The rates beyond an end are the rates at this end.
+        curve of configurations. The rates beyond an end are the rates at this end. The time
+        is then noted, so that a motion that leaves the curve is recognised later.
         """
         coordinate, momentum, _ = state.tolist()
         if not heading.periodic and not low <= coordinate <= high:
@@ -197,8 +198,13 @@ def simulate_reduced(
     from scipy.integrate import odeint
 
     def integrate(state_times: Floats) -> tuple[Floats, int]:
-        """Return the states (n, 3) at n times, and the number of evaluations."""
-        # SciPy can step over a kink that is not one of the times.
+        """Return the states at n times, and how often `state_rates` was called.
+
+        The states (n, 3) have the columns x, p and W, which `state_rates` describes. The
+        motion starts with the given coordinate and rate, and without work W.
+        """
+        # The times of kinks of the loads are added. SciPy can step over a kink that is not
+        # one of its times.
         all_times = np.union1d(state_times, kinks)
         states, report = odeint(
             state_rates,
@@ -239,8 +245,9 @@ def _generalised_force(
 ) -> float:
     """Return the generalised force Q of all loads, from the torque that a motion needs.
 
-    The model only has a function for this torque. At zero acceleration it is
-    1/2 dB/dx (dx/dt)^2 - Q, with the inertia B.
+    The simulation needs Q for the rates of momentum and work. The model has a function for
+    the torque only. At zero acceleration the torque is 1/2 dB/dx (dx/dt)^2 - Q, with the
+    inertia B.
 
     Parameters
     ----------

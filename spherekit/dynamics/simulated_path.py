@@ -68,9 +68,9 @@ class PathStates(ArrayRows):
 
 @dataclass(frozen=True)
 class StatePath:
-    """The states of a simulation over time, as functions that are put together.
+    """The states of a simulation as a function of time, which consists of parts.
 
-    A part of the path is evaluated by one function. A part is one step of the NumPy engine,
+    Each part of the path has a function of its own. A part is one step of the NumPy engine,
     or several steps (a segment) of the compiled engine.
 
     Attributes

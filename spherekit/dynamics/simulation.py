@@ -70,8 +70,9 @@ class Event:
           several inputs, surfaces) of configurations cross.
         - "rest": a mechanism with one input stands still.
         - "joint_limit": a pair (joint) reached its limit.
-        - "switch": a load changes abruptly, for example where it is switched on. The times
-          in the argument `switches`, and knots of torque tables, are reported, too.
+        - "switch": a load changes abruptly, for example where it is switched on. This
+          event is also reported at the times that the user passes as `switches`, and at
+          the knots (listed times) of torque tables.
         - "lift_off": a one-sided contact loses its pressure.
     t
         The time, s.
@@ -489,8 +490,8 @@ class Simulation:
         return path_states, self.equation.evaluate(
             t,
             states=path_states.states,
-            # The rate of coordinate i is row i of these weights times the rates of the pair
-            # variables.
+            # The coordinates are as many as the degrees of freedom. The rate of coordinate
+            # i is row i of these weights times the rates of the pair variables.
             rate_weights=path_states.rate_weights,
             whole_turns=turn_angles,
             needs_second_order=second,

@@ -528,7 +528,8 @@ def _compute_configuration(
     values = motion.values[row].copy()
     mode = motion.assembly_modes[row]
     turns = _count_turns(position_analysis, mode.number, values, q)
-    # The configuration was computed up to whole turns of the inputs.
+    # The computed inputs can differ from q by whole turns. `turns` has the whole turns of
+    # q, so the inputs become q without its whole turns.
     input_variables = list(position_analysis.solver.driven)
     values[input_variables] = wrap_to_pi(q)
     return values, turns
@@ -587,9 +588,9 @@ def _count_turns(
     """Return how many whole turns (variables,) the angles of a configuration contain.
 
     Loads such as springs depend on whole turns. The turns of an input are known from its
-    full value. The turns of other angles are counted along a path of configurations. This
-    path leads from a configuration without whole turns, such as the reference pose, to the
-    given configuration.
+    full value. The turns of other angles are counted along a path of configurations that
+    ends at the given configuration. The path starts at a configuration whose angles count
+    as having no whole turns, such as the reference pose.
 
     Parameters
     ----------

@@ -36,10 +36,11 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
 
     - v are the pair variables (joint angles), and tau = dv/dx their derivatives with
       respect to the coordinate x.
-    - x is a parameter of the curve of configurations, with the rate u = dx/dt. The
-      derivative of the input q is dq/dx = D, the determinant of the velocity equations for
-      the rates of all variables but q. With this choice, tau is finite at dead centres of
-      q, and is not divided by D.
+    - x is a parameter of the curve of configurations, with the rate u = dx/dt. It is
+      chosen so that the input q has the derivative dq/dx = D. D is the determinant of the
+      velocity equations with locked q, which have the rates of all other variables as
+      unknowns. D is zero at dead centres of q. tau needs no division by D, so it is finite
+      there.
     - B is the generalised inertia: the kinetic energy is B u^2 / 2.
     - p = sqrt(B) u is the momentum: the kinetic energy is p^2 / 2.
     - Q_k is the generalised force of load k at x, and W_k its work.
@@ -67,7 +68,7 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     momentum_rates = _derive_momentum_rates(layout, load_state, inverse_root_inertia)
     # d(W_k / P^2)/dt = Q_k u / P^2 is the part of load k in d(p / P)/dt, times p / P.
     work_rates = [rate * scaled_momentum for rate in momentum_rates]
-    # tau is zero where the velocity equations depend on each other, so the square of tau
+    # tau is zero where the velocity equations are linearly dependent, so the square of tau
     # measures their independence.
     tau_square = dot(tau, tau)
     (input_variable,) = structure.inputs

@@ -55,8 +55,8 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     An integration step can miss an abrupt change of a load, so it is compared with the
     equation of motion at further places (probed). A place is a fraction of a step, from 0
     to 1. A steep argument is the x of a function such as tanh(1000 x) or 1 / x in a load.
-    The load may change abruptly where x is zero, or nearly zero at an extremum. A step is
-    probed at three kinds of places:
+    The load may change abruptly where x passes 0, or nearly touches 0 at an extremum. A
+    step is probed at three kinds of places:
 
     - evenly spaced places, and one beside each end of the step,
     - the zeros and extrema of steep arguments,

@@ -163,8 +163,8 @@ class Segment:
         """Return the states and their time derivatives (n, states) at times (n,) in s.
 
         A state has the pair variables, the momenta and the work of each load, in SI units.
-        The variables are without the whole turns (`turns`) that were subtracted for this
-        segment. Works are counted from the start of the simulation.
+        Whole turns were subtracted from the variables before this segment (`turns`), and
+        are not added again here. Works are counted from the start of the simulation.
         """
         step = np.searchsorted(self.starts[1:], t, side="right")
         states, rates = _evaluate_series(self.series[step], t - self.starts[step])
@@ -276,7 +276,12 @@ class StepProbe:
     switch_signs: Floats
 
     def compare(self, steps: Indices, places: Floats) -> tuple[Floats, Floats]:
-        """Return errors of steps at n places, and the arguments of steep functions there.
+        """Compare the Taylor series of steps with the equation of motion at n places.
+
+        A step with a large error is later repeated as a shorter one. Steep functions are
+        functions such as tanh(1000 x) in the loads, which change abruptly where their
+        argument x passes through zero. From the arguments, the caller finds these zeros,
+        and compares there as well.
 
         Parameters
         ----------
@@ -290,8 +295,7 @@ class StepProbe:
         errors
             (n,) errors of the momenta, as multiples of the largest error that is allowed.
         arguments
-            (n, arguments) values of x in functions such as tanh(1000 x) in the loads. Loads
-            change abruptly where x passes through zero.
+            (n, arguments) arguments x of the steep functions.
         """
         layout = self.equation.layout
         times_in_step = places * self.lengths[steps]
@@ -300,18 +304,23 @@ class StepProbe:
         # The error of a rate, times the length of the step, is an error of the momentum.
         rate_errors = np.abs(rates[:, layout.momentum_slice] - momentum_rates)
         momentum_errors = np.max(rate_errors, axis=1) * self.lengths[steps]
-        # The tolerance of a step is relative to the largest number in the state. The unit
-        # of momentum is chosen so that this number is about 1.
+        # The largest allowed error is relative to the largest number in the state. This
+        # number is about 1, because the unit of momentum is chosen accordingly. So the
+        # allowed error need not be multiplied by it.
         max_error = MAX_PROBE_ERROR * self.equation.tolerance
         return momentum_errors / max_error, arguments
 
     def _evaluate_equation(
         self, steps: Indices, times_in_step: Floats, states: Floats
     ) -> tuple[Floats, Floats]:
-        """Return momentum rates from the equation, and the arguments of steep functions.
+        """Return the rates of the momenta that the equation of motion gives at n states.
+
+        `compare` compares these rates with those of the Taylor series, and finds in this
+        way the error of the series.
 
         A load with a steep function, such as tanh(1000 x), may change abruptly where its
-        argument x is zero. Steps that miss such a change are found by these numbers.
+        argument x is zero. The arguments are returned as well, so that their zeros can be
+        found and the rates be compared there.
 
         Parameters
         ----------
@@ -365,15 +374,17 @@ class RunStart:
         momentum is the rate of a coordinate times the constant sqrt(J). J is the sum of the
         largest moments of inertia of all links.
     momentum_unit
-        A typical size of the momenta, not zero, in the same unit. The integrator's state
-        has the momenta divided by this size, or by their norm if the norm is larger. So the
-        divided momenta are at most about 1, like the angles. The errors of a step are
-        relative to the largest number in the state.
+        A typical size of the momenta, not zero, in the same unit. The state of the
+        integrator has the momenta divided by the larger of this size and the norm of
+        `momenta`. So they are at most 1 at the start, a size like that of the angles. This
+        is needed because errors of a step are relative to the largest number in the state.
     previous_run
-        The run that is continued, with other coordinates or a smaller tolerance, if any.
+        The run that this one continues, with other coordinates or a smaller tolerance. None
+        for the first run.
     closure_residual
-        Opening of a loop (rad) at the end of the previous run, which has been removed from
-        `values`.
+        By how much the loops were open (rad) at the end of the previous run. They have been
+        closed in `values`. The number is kept because the integration reports the largest
+        opening.
     """
 
     values: Floats
@@ -442,9 +453,9 @@ class TaylorIntegration:
         self.turns = start.turns
         self.work = np.zeros(len(mechanism.loads))
         self.max_closure_residual = start.closure_residual
-        # The measure of independence of the loop-closure equations is zero where sets of
-        # configurations cross. Small values are judged relative to the largest value so
-        # far.
+        # The measure of independence of the loop-closure equations is zero where several
+        # curves or surfaces of configurations cross. Small values are judged relative to
+        # the largest value so far.
         independence = equation.measure_independence(start.values[None])
         self.max_independence = float(independence[0])
         previous = start.previous_run
@@ -635,8 +646,9 @@ class TaylorIntegration:
     def _store_segment(self, steps: Sequence[TaylorStep]) -> None:
         """Store steps as a segment, and update `max_independence`.
 
-        `max_independence` is the largest value so far of the measure of how independent the
-        loop-closure equations are.
+        A segment is a part of the simulated motion, from which states at any time are
+        evaluated later. `max_independence` is the largest value so far of the measure of
+        how independent the loop-closure equations are.
 
         The segment has three things that the Taylor series of the steps do not contain:
         whole turns of the joint angles, the unit by which the momenta in the series are
@@ -654,9 +666,10 @@ class TaylorIntegration:
                 work=self.work,
             )
         )
-        # The measure of independence of the loop-closure equations is zero where sets of
-        # configurations cross. "Nearly zero" is judged relative to its largest value so
-        # far. The terms of order 0 are the state at the start of each step.
+        # The measure of independence of the loop-closure equations is zero where several
+        # curves or surfaces of configurations cross. "Nearly zero" is judged relative to
+        # its largest value so far. The terms of order 0 are the state at the start of each
+        # step.
         start_values = series[:, : self.variable_count, 0]
         independence = self.equation.measure_independence(start_values)
         self.max_independence = max(self.max_independence, float(np.max(independence)))

@@ -124,11 +124,12 @@ class JointReactions:
         (n, pairs, 6) moments about O (N m) and forces through O (N). NaN if a component is
         not determined or was not requested.
     opened
-        (n, pairs, 6) whether the equations of equilibrium leave a component open: they do
-        not determine its size, for example because constraints are redundant. False if a
+        (n, pairs, 6) whether a component is open: the equations of equilibrium do not
+        determine its size, for example because constraints are redundant. False if a
         component was not requested.
     unbalanced
-        (n,) largest moment (N m) by which the equation of equilibrium of a link is missed.
+        (n,) largest residual (N m) of the equations of equilibrium. It is zero if the
+        reactions balance all links. Residuals of forces are multiplied by a mean length.
     slides
         (n, links) whether a link can be displaced from the centre O, because no pair
         prevents it. False if forces were not requested, and for links with inertia whose
@@ -223,8 +224,9 @@ class NewtonEuler:
         False without equations of forces on the link.
     unit_torque_wrenches
         (pairs, 6) wrench, in pair axes, of a torque of 1 N m of a load or drive at a pair.
-        The torque is about the axis of an R pair. At a contact it is the wrench of a force
-        along the tangent.
+        At an R pair (revolute joint) the torque is about the axis of the pair. At a contact
+        a force along the common tangent causes the torque, which is about the normal. The
+        wrench contains this force if the distance of the contact from O is known.
     """
 
     def __init__(
@@ -319,8 +321,8 @@ class NewtonEuler:
         """Divide the equations of equilibrium into systems that are solved separately.
 
         The equations of moments have the moments of the pairs (joints) as unknowns, and
-        those of forces have the forces. The moments and the forces are two separate
-        systems, so dependent equations are searched in each system by itself.
+        those of forces have the forces. These are two separate systems. The caller inverts
+        each system by itself, and finds out which reactions it leaves undetermined.
 
         Parameters
         ----------
@@ -413,8 +415,9 @@ class NewtonEuler:
           distance of contacts from O, so that it is comparable with moments.
         - A moment about one axis (x, y or z) of a pair (joint).
         - The moment m_y about axis y that gear teeth with a pressure angle transmit. The
-          teeth also transmit a moment about x that is proportional to m_y
-          (`_unit_tooth_moments`).
+          teeth also transmit a positive moment about x that is proportional to ``|m_y|``.
+          With an assumed sign of m_y, it is proportional to m_y and belongs to the same
+          column (`_unit_tooth_moments`).
 
         The moment of a contact is caused by a force at its contact point. If the distance
         of this point from O is known, the force is computed and is part of the wrench.
@@ -423,7 +426,7 @@ class NewtonEuler:
         ----------
         tooth_sides
             (n, pairs) assumed signs, +1 or -1, of the moments m_y of teeth with a pressure
-            angle.
+            angle. `solve_equilibrium` changes signs that the solution contradicts.
         """
         wrenches = np.zeros((len(tooth_sides), len(self.columns), 6))
         moments = wrenches[..., :MOMENT_COMPONENTS]
@@ -446,37 +449,54 @@ class NewtonEuler:
     def subtract_torques(self, link_wrenches: Floats, torques: Floats) -> Floats:
         """Return the wrenches (n, links, 6) that the reactions must exert on the links.
 
-        A wrench is a moment about O followed by a force, in ground axes. The motion needs
-        certain wrenches on the links. The known torques of loads and drives at pairs
-        (joints) exert a part of them. The reactions must exert the rest.
+        A wrench is a moment about the centre O of the sphere followed by a force, here in
+        ground axes. The links need certain wrenches to move as they do at the n rows
+        (samples). Known torques of loads and drives at the pairs (joints) exert a part of
+        these wrenches. The reactions of the pairs, which are unknown, must exert the rest.
+        The caller passes this rest to `solve_reactions`, which computes the reactions.
 
         Parameters
         ----------
         link_wrenches
-            (n, links, 6) wrenches on links that their motion needs, minus the wrenches of
+            (n, links, 6) wrenches that the motion of the links needs, minus the wrenches of
             loads that act on links.
         torques
-            (n, pairs) torques (N m) of loads and drives at pairs. At an R pair (revolute
-            joint) a torque is about its axis. At a contact it is the moment about O of a
-            force along the common tangent.
+            (n, pairs) known torques (N m) that the first link of a pair exerts on the
+            second. At an R pair (revolute joint) a torque is about the axis of the pair. At
+            a contact a force along the common tangent causes the torque, which is about the
+            normal of the profiles.
         """
         unit_wrenches = _rotate_to_ground(self.frames, self.unit_torque_wrenches)
         pair_wrenches = torques[..., None] * unit_wrenches
-        # A pair exerts its wrench on its second link, and the opposite wrench on its first.
+        # A wrench of a pair acts on its second link, and the opposite wrench on its first.
         # `_pair_to_link` (pairs, links) has 1 for the second link and -1 for the first.
         return link_wrenches - self._pair_to_link.T @ pair_wrenches
 
     def solve_reactions(self, reaction_wrenches: Floats) -> tuple[Floats, Floats]:
-        """Return the reactions (n, columns) and the residual (n,) of the equations, N m.
+        """Solve the equations of equilibrium for the reactions in the pairs (joints).
 
-        A reaction is an unknown moment or force component of a pair, and a column of the
-        matrix. `reaction_wrenches` (n, links, 6) are the moments and forces that the
-        reactions have to exert on the links, in ground axes. Moments are about the centre O
-        of the sphere.
+        A reaction is an unknown component of the moment or force in a pair, and a column of
+        the matrix of these equations.
+
+        Parameters
+        ----------
+        reaction_wrenches
+            (n, links, 6) the moments (N m) and forces (N) that the reactions have to exert
+            on the links, in ground axes. Moments are about the centre O of the sphere.
+
+        Returns
+        -------
+        reactions
+            (n, columns) reactions, N m. Reactions that are forces are multiplied by the
+            length `length`, so they are in N m, too.
+        residual
+            (n,) largest error of an equation, N m.
         """
-        # Forces are multiplied by a length, as in the matrix, so that all rows are in N m.
+        # Forces are multiplied by `length`, as in the matrix, so that all equations are in
+        # N m.
         scaled_wrenches = reaction_wrenches * np.repeat([1.0, self.length], 3)
-        # `_has_equation` (links, 6) leaves out the ground, and forces that are not solved.
+        # `_has_equation` (links, 6) leaves out the ground. It also leaves out forces if
+        # they are not solved for, or if the centre of mass of their link is not known.
         right_side = scaled_wrenches[:, self._has_equation][..., None]
         reactions = self._inverse @ right_side
         # The inverse is a Moore-Penrose inverse. One step of iterative refinement restores
@@ -486,7 +506,10 @@ class NewtonEuler:
         return reactions[..., 0], residual
 
     def solve(self, link_wrenches: Floats, torques: Floats) -> Equilibrium:
-        """Solve the equations. The parameters are as in `subtract_torques`."""
+        """Return the solution of the equations: the reactions of the pairs (joints).
+
+        The parameters are as in `subtract_torques`.
+        """
         reaction_wrenches = self.subtract_torques(link_wrenches, torques)
         reactions, residual = self.solve_reactions(reaction_wrenches)
         return Equilibrium(reaction_wrenches, torques, reactions, residual)
@@ -548,12 +571,14 @@ def _unit_torque_wrench(pair: Pair) -> Floats:
 
 
 def _unit_tooth_moments(pressure_angle: float, sides: Floats) -> Floats:
-    """Return the moments (n, 3) about O that gear teeth transmit if their moment m_y is 1.
+    """Return the moments (n, 3) about O that gear teeth transmit per unit of their m_y.
 
+    m_y is an unknown of the equations of equilibrium, and the result is its column there.
     The axes of the contact are x along the common tangent of the pitch curves, y along
     their normal, z from the centre O of the sphere to the contact. The force along x causes
-    m_y. The force along y presses the wheels apart, which is a positive m_x = tan(angle)
-    |m_y|. With the sign s of m_y, which is assumed to be known, this is tan(angle) s m_y.
+    m_y. The force along y presses the wheels apart. It causes the positive moment m_x =
+    tan(angle) |m_y|. With an assumed sign s of m_y this is tan(angle) s m_y, which is
+    linear in m_y.
 
     Parameters
     ----------
@@ -636,8 +661,9 @@ def _list_moment_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
 def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     """Return the pair and the component of each unknown force in the equilibrium equations.
 
-    The equations have a column for each unknown moment or force. The component of a force
-    is `TANGENT_FORCE` along the axis x of the pair (joint), `NORMAL_FORCE` along y or
+    The equations have a column for each unknown moment, then a column for each unknown
+    force. The result describes the columns of the forces. The component of a force is
+    `TANGENT_FORCE` along the axis x of the pair (joint), `NORMAL_FORCE` along y or
     `AXIAL_FORCE` along z.
 
     An R pair (revolute joint) transmits a moment about the centre O of the sphere, and a

@@ -40,7 +40,10 @@ loops wrongly.
 
 
 class BodyInertia(NamedTuple):
-    """Mass and inertia of a body of an exported model, in ground axes.
+    """Mass and inertia of a body of an exported model.
+
+    Vectors and tensors are in ground axes, for the configuration that is exported. Centres
+    are counted from the centre of the sphere.
 
     MuJoCo needs a mass for each body, so bodies without mass in the mechanism file get a
     small one.
@@ -48,8 +51,8 @@ class BodyInertia(NamedTuple):
     Attributes
     ----------
     link
-        Name of the body: a link, or a coupler that replaces a sliding contact between two
-        circles.
+        Name of the body: a link, or a coupler. A coupler replaces a sliding contact between
+        two circles. It is hinged to one link at the centre of each circle.
     mass
         Mass (kg).
     centre
@@ -108,11 +111,12 @@ class LinkInertias:
     Attributes
     ----------
     by_link
-        Inertia by the name of the moving link. A link without a mass in the mechanism file
-        is not in this mapping, unless the inertia is made up; a stated tensor may be zero.
+        Inertia by the name of the moving link. The mapping has the links with a mass in the
+        mechanism file, or all moving links if the inertia is made up. The tensor is zero
+        for a point mass at the centre of the sphere.
     are_made_up
-        True if no moving link has inertia in the file, and links are taken as wires of 1
-        kg/m on a sphere of 1 m. Forces in such a model mean nothing.
+        True if no moving link has inertia in the file. All moving links are then taken as
+        wires of 1 kg/m on a sphere of 1 m. Forces in such a model mean nothing.
     """
 
     by_link: Mapping[str, LinkInertia]
@@ -203,7 +207,8 @@ def make_body_inertia(
     rotation
         (3, 3) rotation from the axes of the link to ground axes.
     light_ratio
-        Inertia of a link without mass, relative to the largest of all moving links.
+        Inertia that a body without inertia gets, relative to the largest of all moving
+        links.
 
     Returns
     -------
@@ -306,8 +311,10 @@ def _make_body_about_centre(
 ) -> BodyInertia:
     """Return the inertia of a body, with its tensor moved from O to the centre of mass.
 
-    A moment below `LEAST_INERTIA_KG_M2` is raised to it, unless this changes the inertia
-    about O by more than `MAX_ADDED_INERTIA_RATIO`.
+    MuJoCo refuses a body whose least principal moment of inertia is nearly zero, such as a
+    point mass. If this moment is below `LEAST_INERTIA_KG_M2`, the difference is added to
+    all three principal moments. The tensor is not changed if the difference exceeds the
+    trace of the tensor about O times `MAX_ADDED_INERTIA_RATIO`.
 
     Parameters
     ----------
@@ -318,14 +325,15 @@ def _make_body_about_centre(
     mass_centre
         Mass and centre of mass of the body.
     is_stated
-        Whether the mechanism file states mass and centre.
+        Whether the mechanism file states mass and centre. It becomes an attribute of the
+        result.
     """
     mass, centre = mass_centre
     # The parallel axis theorem.
     tensor = tensor_about_O - point_mass_inertia(mass, centre)
     # Rounding errors can make the tensor slightly asymmetric.
     symmetric_tensor = 0.5 * (tensor + tensor.T)
-    # MuJoCo refuses the tensors of point masses, and of rods through O.
+    # Eigenvalues are in ascending order, so the first one is the least principal moment.
     added_moment = LEAST_INERTIA_KG_M2 - np.linalg.eigvalsh(symmetric_tensor)[0]
     if 0.0 < added_moment < MAX_ADDED_INERTIA_RATIO * np.trace(tensor_about_O):
         symmetric_tensor = symmetric_tensor + added_moment * np.eye(3)

@@ -177,13 +177,14 @@ def write_c(source: FormulaSource) -> str:
 
     The text begins with declarations of all functions. It continues with
 
-    - constants for the users of the formulas,
+    - constants for the users of the formulas, such as the indices of the results,
     - functions that C does not have, such as the sign of a number,
     - functions that evaluate stored series: tables of Chebyshev coefficients by which
       functions of one variable are computed, such as the profile of a contact,
     - the functions of the formulas,
-    - a function that selects an assembly mode (one way to assemble the mechanism) at an
-      input, if modes continue smoothly through crossings of curves of configurations.
+    - a function that returns, at an input, the numbers that select an assembly mode (one
+      way to assemble the mechanism) in the formulas. It is written only if these numbers
+      change where the smooth curves of configurations of two modes cross.
     """
     # Declarations of the functions.
     declarations = [
@@ -485,9 +486,11 @@ def _write_smooth_modes(source: FormulaSource, scalar: str) -> Iterator[str]:
     """Yield the C function that selects an assembly mode at an input, if there is one.
 
     An assembly mode (way to assemble the mechanism) is selected by numbers, the mode
-    values. A mode that follows a smooth curve of configurations through a crossing with
-    another curve has other mode values beyond the crossing. The written function therefore
-    has a table of mode values (``places``), by interval of the input and mode::
+    values, such as the signs of its dyads (groups of two links). A mode can follow a smooth
+    curve of configurations through a crossing with another curve. Its mode values can
+    change at the crossing. Crossings therefore divide the range of the input into
+    intervals. The written function has a table of mode values (``places``), by interval
+    and mode::
 
         void fourbar_smooth_mode(int k, double q, double mode[])
         {
@@ -500,15 +503,15 @@ def _write_smooth_modes(source: FormulaSource, scalar: str) -> Iterator[str]:
                 mode[n] = q == q ? places[interval][k][n] : NAN;
         }
 
-    Its arguments are the row k of the mode in the array of modes and the input q (rad). The
-    mode values in the interval of q are written to the last argument. Two parts are added
-    if necessary:
+    Its arguments are the index k of the mode in this table and the input q (rad). The mode
+    values in the interval of q are written to the last argument. They are NaN if q is NaN:
+    then ``q == q`` is false. Two parts are added if necessary:
 
     - If configurations repeat after a period of the input, q is first moved into the range
       of the input.
     - Formulas that are not in closed form are solved by Newton's method, which starts from
-      a known configuration of the mode. The function then returns the input of this
-      configuration, from an array ``inputs``.
+      a known configuration of the mode. The mode values are the variables of this
+      configuration. The function also returns its input, from an array ``inputs``.
 
     Parameters
     ----------

@@ -257,7 +257,8 @@ class SeriesTable(NamedTuple):
     variable
         The symbol of the variable, which is an argument of the formulas.
     start
-        Offset of the series: the series are functions of variable + `start`.
+        The position at which the variable is 0. The series are functions of the position,
+        which is the variable plus `start`.
     series
         The series of all functions, on common cells.
     length
@@ -395,7 +396,7 @@ class Formulas:
             mode_values
                 (values, n) or (values, 1) the numbers that select the assembly mode (way to
                 assemble the links): signs of dyads (groups of two links), or approximate
-                pair variables (joint angles, rad).
+                pair variables (rad): joint angles, and arc lengths of contacts.
             sizes
                 (sizes, n) or (sizes, 1) numbers of the mechanism file that may vary.
             """
@@ -408,9 +409,10 @@ class Formulas:
                     for argument in arguments
                 ]
             )
-            # Functions without a formula, such as the coordinates of a contact profile, are
-            # stored as series. The series are evaluated at one of the arguments, an arc
-            # length.
+            # Some functions have no formula and are stored as series. Examples are the
+            # coordinates of a contact profile. They are functions of an arc length, which
+            # is the pair variable of the contact. `variable_rows` says for each table of
+            # series in which row of the arguments its variable is.
             series_values = [
                 table.evaluate(argument_rows[variable_row])
                 for table, variable_row in zip(self.tables, variable_rows, strict=True)

@@ -71,7 +71,7 @@ class ImportedPair(NamedTuple):
     value
         Variable (joint angle, rad) in the pose of the model.
     joint
-        Index of the pair's joint in the model. The value is -1 for a pair that is no joint
+        Index of the pair's joint in the model. The index is -1 for a pair that is no joint
         in the model: a pair that closes a loop, or a pair that carries an idler wheel (a
         wheel added between two gears).
     """

@@ -278,10 +278,11 @@ class ImportedDynamics:
         return tables
 
     def _list_loads(self, has_masses: bool) -> Iterator[tuple[str, Table]]:
-        """Yield the name and table of each load. Names may repeat.
+        """Yield the name and table of each load.
 
-        Loads are gravity, springs, friction and dampers at joints, and actuators without
-        control. Parts that a mechanism file can't have are left out with a note.
+        Two loads may get the same name, and the caller makes the names different. Loads are
+        gravity, springs, friction and dampers at joints, and actuators without control.
+        Parts that a mechanism file can't have are left out with a note.
 
         Parameters
         ----------
@@ -443,10 +444,12 @@ class ImportedDynamics:
         return bool(options.disableflags & int(bits.mjDSBL_ACTUATION) or is_group_disabled)
 
     def _find_bias(self, actuator: int) -> Floats | None:
-        """Return the constant, length and rate factor (3,) of a force without control.
+        """Return the coefficients (3,) of the force of an actuator without control signal.
 
-        The force is bias[0] + bias[1] * length + bias[2] * rate. The result is None if the
-        force is not linear, as that of a muscle. A constant force is limited to its range.
+        The force is bias[0] + bias[1] * length + bias[2] * rate, with the length of the
+        actuator and the rate of this length. The result is None if the force is not linear,
+        as that of a muscle. If the force is constant, bias[0] is limited to the force range
+        of the actuator.
         """
         mj_model = self._mj_model
         kinds = self._linkage.foreign_model.mujoco.mjtBias
@@ -538,10 +541,10 @@ class ImportedDynamics:
         Parameters
         ----------
         actuator
-            Number of an actuator at a site. No control signal changes its force.
+            Number of an actuator at a site, without control signal.
         bias
-            (3,) the constant, and the factors of the length of the actuator and its rate,
-            which depend on the motion.
+            (3,) the coefficients b of its force b[0] + b[1] * length + b[2] * rate. The
+            length of the actuator and the rate of this length depend on the motion.
         """
         mj_model = self._mj_model
         has_feedback = np.any(bias[1:3])

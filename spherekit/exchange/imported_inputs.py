@@ -138,7 +138,9 @@ def _velocity_equations(linkage: ImportedLinkage) -> Floats:
 
     A pair is a joint. Each equation says that a sum of factors times rates is zero. There
     are three equations for each closed loop (the relative angular velocities around the
-    loop add up to zero), and one for each coupling of joints, such as gears.
+    loop add up to zero), and one for each coupling of joints, such as gears. The rank of
+    the equations shows which pairs can be inputs together. Their solution gives the rates
+    of all pairs for given rates of the inputs.
     """
     pairs = linkage.pairs
     # `LoopTree` needs links numbered without gaps (bodies): here by their positions in

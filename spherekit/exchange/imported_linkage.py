@@ -503,7 +503,7 @@ class ImportedLinkage:
             arms = np.array([point.point for point in points]) - self.centre
             radii = np.linalg.norm(arms, axis=1)
             farthest = np.argmax(radii)
-            # A point that is nearer to the centre has no reliable direction.
+            # Within `least_radius` of the centre, a point has no reliable direction.
             if radii[farthest] <= self.least_radius:
                 self.notes.append(
                     f"loop {points[farthest].name} left out: it holds the centre, which "

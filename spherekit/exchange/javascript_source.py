@@ -84,10 +84,10 @@ JAVASCRIPT_MOVED_INPUT_TEMPLATE = """\
 def write_javascript(source: FormulaSource) -> str:
     """Return the formulas of a mechanism as the text of an ES module.
 
-    The text begins with a description: names of arguments and results, sizes, and the mode
-    values. Mode values are numbers that select an assembly mode (a way to assemble the
-    mechanism), such as the signs of dyads (groups of two links). JavaScript functions
-    follow:
+    The text begins with a description: names of arguments and results, sizes, and mode
+    values. Sizes are numbers of the mechanism file that the user has chosen as arguments.
+    Mode values are numbers that select an assembly mode (a way to assemble the mechanism),
+    such as the signs of dyads (groups of two links). JavaScript functions follow:
 
     - Functions that the formulas contain, such as the profile of a contact (a curve on a
       link along which it is touched). Such functions are tables of Chebyshev coefficients

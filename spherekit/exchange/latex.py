@@ -337,14 +337,16 @@ def _format_table(rows: Iterable[Sequence[str]]) -> str:
 def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str]:
     """Find the numbers of a mechanism file that remain symbols in the printed formulas.
 
-    Only some kinds of numbers can be symbols.
+    Arcs and angles of 0, 90 and 180 degrees are otherwise printed as numbers. Only arcs,
+    angles, zeros (see below) and, without loads, masses can remain symbols.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     keys
-        Keys of the mechanism file, such as ``links.2.arc`` or ``mass.3.mass``.
+        Keys of these numbers in the mechanism file, such as ``links.2.arc`` or
+        ``mass.3.mass``.
 
     Returns
     -------

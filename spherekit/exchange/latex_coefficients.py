@@ -441,7 +441,7 @@ def _differentiate_right_side(
     """Return the derivative of the right-hand side of a formula, as short as possible.
 
     The derivative of a quotient contains the quotient: (a / b)' = (a' - (a / b) b') / b. If
-    the right-hand side is a quotient, its symbol replaces it there.
+    the right-hand side is a quotient, the derivative has the symbol `term` in its place.
 
     Parameters
     ----------

@@ -329,7 +329,8 @@ class LatexEquationOfMotion:
                 continue
             for component in components:
                 component_count += 1
-                # The magnitude (N m or N), times the power of a component of magnitude 1.
+                # The magnitude (N m or N), times the power that a component of magnitude 1
+                # has if the input moves at the rate 1 and the other inputs rest.
                 label = str(component_count)
                 magnitude = self._write_magnitude(component, load.name, label)
                 for k in self._input_indices:

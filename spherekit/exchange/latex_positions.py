@@ -311,7 +311,8 @@ class PositionFormulas:
         pair_number = self._mechanism.pair_number
         vectors: list[ExpressionNode] = []
         for axis_index, axis_name in enumerate(sizes.axes):
-            # An axis without a pair only serves to measure the others.
+            # An axis of no pair only serves to measure arcs and angles. It has its own
+            # symbol.
             if axis_name in pair_number:
                 vectors.append(self.pair_axes[pair_number[axis_name]])
             else:
@@ -411,7 +412,9 @@ class PositionFormulas:
         self._write_frame(0, first_vector=k, tangent=j, axis=second_axis, i=i)
 
     def _place_driven_links(self) -> None:
-        """Add formulas for the frames of the links that inputs join to the ground.
+        """Place the links that inputs (driven pairs) join to the ground.
+
+        Formulas for the axes of these links are added to the printed formulas.
 
         Raises
         ------
@@ -616,8 +619,9 @@ class PositionFormulas:
         A dyad has two links. The middle pair (joint) joins them to each other, and each
         outer pair joins one of them to a link that is already placed.
 
-        The result has the link and its axes at both pairs, in the order in which the file
-        lists the axes of the link.
+        The result has the link and its axes at both pairs, in the order in which the
+        mechanism file lists the axes of the link. The formulas of the dyad use the arc
+        between these axes.
 
         Parameters
         ----------
@@ -666,17 +670,19 @@ class PositionFormulas:
     def _place_by_two_axes(self, side: DyadSide) -> None:
         """Write the frame of a link of a dyad from its known axes at two pairs (joints).
 
-        A dyad is two links that close a loop. Let k be the first axis of the link in the
-        mechanism file. The frame of the link is defined by k and the tangent at k of the
-        arc from k to another axis. The known axes are u and v. The file lists u before v,
-        so u may be k, but v is never k. If u is not k, k is expressed by u and v.
+        A dyad is two links that close a loop. The vectors of two axes u and v of the link
+        are known. Let k be the axis that the mechanism file lists first for the link. The
+        frame follows from k, and from the tangent at k of the arc from k to v.
+
+        The file lists u before v, so v is never k. If u is not k either, k is first
+        expressed by u and v.
 
         Raises
         ------
         EngineError
             If the arc from k to v is 0 or 180 degrees, so that the tangent is not
-            determined. A free arc, which is a symbol in the formulas, is never refused.
-            Users insert its value.
+            determined. An arc that is a symbol in the formulas has no number yet, so it is
+            not checked.
         """
         axis_v = side.axis_v
         # Each axis has its arc from k (`arc`).
@@ -697,9 +703,10 @@ class PositionFormulas:
     def _express_axis_k(self, side: DyadSide) -> Expr:
         """Return the axis k of a link as a combination of its axes u and v.
 
-        k is the axis that the file lists first for the link. Let a_u and a_v be the arcs
-        from k to u and v, b the angle at k from the first arc to the second, and
-        c = u . v. The components of k along u, v and their cross product are
+        k is the first axis of the link in the mechanism file. It defines the frame of the
+        link, but here only u and v are known. Let a_u and a_v be the arcs from k to u and
+        v, b the angle at k from the first arc to the second, and c = u . v. The components
+        of k along u, v and their cross product are
 
             u . k = cos a_u,   v . k = cos a_v,   (u x v) . k = sin a_u sin a_v sin b.
 
@@ -734,7 +741,8 @@ class PositionFormulas:
         """Write the frame i, j, k of a link, and its axes that have no formula yet.
 
         k is the first axis of the link (an axis of a joint), j the unit tangent at k of the
-        arc to its second axis, and i = j x k.
+        arc to its second axis, and i = j x k. The frame is stored in `link_frames`. Later
+        formulas use it, for example for components of vectors along the axes of the link.
 
         Parameters
         ----------
@@ -747,8 +755,8 @@ class PositionFormulas:
         tangent
             The unit tangent at k of the arc from k to `axis`.
         axis
-            Any axis of the link except its first. The azimuth of this axis is the angle
-            about k from the second axis to this axis.
+            Any axis of the link except its first. Its azimuth is the angle about k from the
+            second axis to this axis. So `tangent`, turned back by the azimuth, is j.
         i
             The vector i if it is known; by default the formula i = j x k is written.
         """
@@ -862,9 +870,10 @@ class PositionFormulas:
 
         The variable is the angle about the axis of the pair from z to a direction on the
         second link. z is fixed on the first link. On that link, an arc leads from the axis
-        of the pair to another axis, the first one in the file. z is the unit tangent to
-        this arc, rotated about the pair by a constant angle that the file states, or 0. The
-        symbol or expression of z is returned.
+        of the pair to the axis that comes first in the file. If this is the axis of the
+        pair itself, the arc leads to the second axis. z is the unit tangent to the arc,
+        rotated about the axis of the pair by a constant angle. The file states this angle;
+        otherwise it is 0. The symbol or expression of z is returned.
         """
         first_link, _ = self._mechanism.ends[pair]
         first_tangent = self._write_tangent(first_link, pair)

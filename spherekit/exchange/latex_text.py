@@ -34,7 +34,11 @@ _TEMPLATE_BY_OPERATION: Mapping[str, str] = {
 
 
 class Binding(IntEnum):
-    """How loosely the parts of an expression are joined: sums need more brackets."""
+    """How loosely the parts of an expression are joined.
+
+    The smaller the number, the tighter. A symbol needs no brackets, a sum needs the most.
+    Fractions, roots and functions count as symbols, because they enclose their arguments.
+    """
 
     SYMBOL = 0
     PRODUCT = 1
@@ -70,8 +74,8 @@ class LatexText(NamedTuple):
     text
         The LaTeX.
     binding
-        How loosely the parts of the expression are joined: as a symbol, a product or a sum.
-        A sum needs brackets as a factor of a product, for example.
+        Whether the expression counts as a symbol, a product or a sum. It decides about
+        brackets: a sum needs brackets as a factor of a product, for example.
     rank
         Position of the expression among the factors of a product: numbers first, vectors
         last.

@@ -90,9 +90,12 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
 def _find_ends_of_modes(position_analysis: PositionAnalysis, motion: Motion) -> Motion:
     """Return the motion at the inputs at which assembly modes begin or end.
 
-    An assembly mode ends between two samples if it has a configuration at only one of them.
-    The end is found by bisection, and approached from the side with configurations. If no
-    mode ends, the result is the motion at the first sample.
+    The angle of a pair changes fast near such an input. Without its value there, the range
+    of the angle would be measured too small.
+
+    An assembly mode begins or ends between two samples if it has a configuration at only
+    one of them. The end is found by bisection, and approached from the side with
+    configurations. If no mode begins or ends, the result is the motion at the first sample.
 
     Parameters
     ----------
@@ -107,7 +110,8 @@ def _find_ends_of_modes(position_analysis: PositionAnalysis, motion: Motion) -> 
     begins = has_configuration[modes, samples + 1]
     if not len(modes):
         return position_analysis.at(inputs[:1])
-    # Each end is between an input inside the mode and an input outside it.
+    # Each end is between an input inside the mode and an input outside it. Where the mode
+    # begins, the later sample (index + 1) is inside. Where it ends, the earlier one is.
     inside = inputs[samples + begins]
     outside = inputs[samples + ~begins]
     ends = np.arange(len(modes))

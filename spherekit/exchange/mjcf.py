@@ -466,8 +466,8 @@ class MujocoModel:
         has a load. All bodies of a link are welded together.
 
         MuJoCo refuses a tensor whose largest moment exceeds the sum of the two others. All
-        moments are enlarged by this excess, if there is one, and by a margin for digits
-        that are lost in the file.
+        moments are enlarged by this excess, if there is one. They are also enlarged by a
+        small margin, so that rounding does not cause an excess.
 
         Parameters
         ----------
@@ -511,7 +511,8 @@ class MujocoModel:
         body
             Element of the body.
         link
-            Name of the link. Nothing is drawn if the mechanism has no link of this name.
+            Name of the link. A body that replaces a sliding contact is no link of the
+            mechanism, so nothing is added to it.
         """
         number = self._mechanism.link_number.get(link)
         if number is None:
@@ -630,11 +631,11 @@ class MujocoModel:
             _add(equalities, "tendon", name=name, tendon1=name, **stiffness)
 
     def _add_actuators(self, actuators: Element) -> None:
-        """Add motors or servos of the inputs, and the loads that are actuators.
+        """Add motors or servos of the inputs, and the loads that MuJoCo has as actuators.
 
-        Inputs (driven pairs) have motors. If the export has invented the masses, torques
-        mean nothing. In such a model, inputs have servos for their angles, and loads are
-        left out.
+        Inputs (driven pairs) have motors. If the export has invented the masses, the
+        torques of a simulation have no meaning. In such a model, inputs have servos that
+        control their angles, and loads are left out.
 
         Parameters
         ----------

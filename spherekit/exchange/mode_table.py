@@ -568,8 +568,8 @@ def _spread_well_conditioned(sensitivity: Floats, rows: Indices, count: int) -> 
     Parameters
     ----------
     sensitivity
-        (n,) sensitivity of all n configurations of a motion: the factor by which errors of
-        the loops are magnified in the variables.
+        (n,) sensitivity of all n configurations of a motion: the largest error of the
+        variables per unit of the error with which the loops are closed.
     rows
         Indices of the configurations among which to choose.
     count

@@ -300,9 +300,10 @@ class ForeignModel:
             )
 
     def _check_stated_inertias(self, spec: Any) -> None:
-        """Raise `FileError` unless masses, tensors and densities that count are finite.
+        """Raise `FileError` unless the stated masses, tensors and densities are finite.
 
-        MuJoCo takes some of these numbers as not stated if they are ``nan`` or ``inf``.
+        Only the numbers that MuJoCo would use for a body are checked. MuJoCo takes some of
+        these numbers as not stated if they are ``nan`` or ``inf``.
 
         Parameters
         ----------
@@ -434,7 +435,8 @@ class ForeignModel:
 
         A servo is an actuator with position feedback. Its force is gain * control + bias[0]
         + bias[1] * length + bias[2] * rate, where the length is the gear ratio times the
-        angle. The angle without force at rest follows from the control.
+        angle. The control tells the servo to take the angle at which this force is 0 at
+        rest. The range of these angles follows from the limits of the control.
 
         The result is None if the actuator is no servo, or if its control has no limits.
         """
@@ -450,6 +452,8 @@ class ForeignModel:
         )
         if gear == 0.0 or not has_feedback:
             return None
+        # A PID controller has its gain in the bias only: -bias[1] times the difference of
+        # control and length.
         is_pid = gain_type == gains.mjGAIN_PID
         gain = -bias[1] if is_pid else mj_model.actuator_gainprm[actuator][0]
         if mj_model.actuator_dyntype[actuator] == self.mujoco.mjtDyn.mjDYN_INTEGRATOR:
@@ -551,7 +555,8 @@ class ForeignModel:
         """
         mj_model = self.mj_model
         objects = self.mujoco.mjtObj
-        # MuJoCo's types of a body differ by constant rotations of its axes.
+        # MuJoCo has two sets of axes of a body, as two types of object. Both are fixed to
+        # the body. A sensor of either type observes the body.
         body_types = {objects.mjOBJ_BODY, objects.mjOBJ_XBODY}
         reference_types = {*body_types, objects.mjOBJ_UNKNOWN}
         orientation_type = self.mujoco.mjtSensor.mjSENS_FRAMEQUAT

@@ -52,10 +52,12 @@ class Hinge(NamedTuple):
     Attributes
     ----------
     pair
-        Name of the R pair.
+        Name of the R pair. A hinge of a coupler (see `RigidBodies`) has the name of the
+        coupler or of the contact instead.
     parent, child
-        Names of the two bodies. Bodies form a tree, in which a hinge to the parent places
-        each body but the ground. A hinge that closes a loop is not in the tree.
+        Names of the two bodies. Bodies form a tree: each body but the ground has one hinge
+        that joins it to its parent. A hinge that closes a loop is not in the tree. Either
+        of its bodies can then be the parent.
     axis
         (3,) unit vector in ground axes, in the exported configuration. A positive variable
         turns the child about this axis.
@@ -157,8 +159,9 @@ def construct_rigid_bodies(
     variable_count = len(mechanism.variable_names)
     if values.shape != (variable_count,) or not all_finite(values):
         raise ModelError(
-            f"{mechanism.name}: a configuration needs {variable_count} finite variables "
-            f"({listing(mechanism.variable_names)}), not {values.tolist()}"
+            f"{mechanism.name}: a configuration needs {variable_count} finite numbers, one "
+            f"for each variable ({listing(mechanism.variable_names)}), not "
+            f"{values.tolist()}"
         )
     # The configuration: orientations of links, and frames of pairs (z is the pair axis).
     pairs = mechanism.pairs

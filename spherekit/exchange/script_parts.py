@@ -96,14 +96,14 @@ class SmoothModeTexts:
 def smooth_mode_texts(
     source: FormulaSource, nan_literal: str, infinity_literal: str, moved_template: str
 ) -> SmoothModeTexts:
-    """Return the table of mode values by intervals of the input, as source code.
+    """Return source code of the table that selects an assembly mode at each input.
 
-    Mode values are numbers that select an assembly mode (way to assemble the mechanism) in
-    the formulas. Over the input, the configurations of a mode form a smooth curve. This
-    curve can cross the curve of another mode. Beyond the crossing the curve has other mode
-    values. The table therefore has mode values for each interval of the input. The table
-    also has an input at which a configuration with these values is known, as a start for
-    Newton's method.
+    An assembly mode is one way to assemble the mechanism. The formulas select it by
+    numbers, the mode values. Over the input, the configurations of a mode form a smooth
+    curve. This curve can cross the curve of another mode. Beyond the crossing the curve has
+    other mode values. The table therefore has mode values for each interval of the input.
+    The table also has an input at which a configuration with these values is known, as a
+    start for Newton's method.
 
     Parameters
     ----------

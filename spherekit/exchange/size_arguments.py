@@ -145,10 +145,11 @@ def _profile_numbers(mechanism: Mechanism) -> Floats:
 def _profile_numbers_after_change(
     varied: VariedMechanism, variable: DesignVariable
 ) -> Floats | None:
-    """Return the values in all contact profiles after one number of the file is changed.
+    """Return the numbers of all contact profiles after one number of the file is changed.
 
-    A comparison with the values before the change shows whether the profiles (curves in
-    contact) depend on this number. Several changes are tried, because some numbers must be
+    A profile is a contact curve, which numbers such as a radius define. A comparison with
+    the numbers before the change shows whether the profiles depend on the changed number.
+    Several changes are tried, because some numbers must be
     whole and some changes are impossible. The result is None if no change gives a valid
     mechanism.
 

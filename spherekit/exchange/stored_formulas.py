@@ -117,15 +117,17 @@ def _append_position(functions: PiecewiseChebyshev) -> PiecewiseChebyshev:
 def profile_table(
     profile_side: ProfileSide, configuration_symbols: Sequence[ExpressionNode]
 ) -> SeriesTable:
-    """Return the functions of a contact profile as a stored series.
+    """Return the Chebyshev series of a contact profile, for formulas that contain it.
 
-    A profile is the curve along which the contact point moves on one link. A stored series
-    evaluates nine functions of its arc length s as Chebyshev series. The functions are the
-    components of the tangent (3) and of the point (3), which are unit vectors, the geodesic
-    curvature k, dk/ds and d2k/ds2.
+    A profile is the curve along which the contact point moves on one link. Formulas of a
+    mechanism contain nine functions of the arc length s of a profile as symbols. The table
+    gives the values of these symbols, so it is exported together with the formulas. The
+    nine functions are:
 
-    The variable of the contact is s minus the value of s at which the variable is zero
-    (`start`).
+    - the unit tangent (3 components) and the point on the unit sphere (3 components),
+    - the geodesic curvature k and its derivatives dk/ds and d2k/ds2.
+
+    The contact has a pair variable that is the arc length, counted from s = `start`.
 
     Parameters
     ----------
@@ -135,11 +137,11 @@ def profile_table(
     configuration_symbols
         Symbols of all pair variables.
     """
-    # The symbols of the nine functions in this order. The last symbol stands for d2k/ds2.
+    # `contact_symbols` are the first eight symbols, `last_derivative` stands for d2k/ds2.
     function_symbols: Any = (*profile_side.contact_symbols, profile_side.last_derivative)
     profile_series = profile_side.series
-    # The series of the profile has the functions up to dk/ds. The derivative of dk/ds is
-    # added.
+    # The series of the profile has the first eight functions. Its derivative gives
+    # d2k/ds2, the ninth function.
     nine_functions = _append_last_derivative(profile_series.series)
     # Which pair variable belongs to the profile, and where it starts on the profile.
     contact_profile = profile_side.track

@@ -191,7 +191,7 @@ def _drive(
     factors: tuple[float, float],
     inner: int,
 ) -> DrivenJoint | DrivenWheel:
-    """Return what an actuator drives: a single joint, or a wheel that stands for two.
+    """Return what an actuator drives: a single joint, or a wheel coupled to both joints.
 
     With the angles q_i and q_o of the inner and the outer joint, the angle of the actuator
     is a = f_i q_i + f_o q_o. If one factor is zero, the actuator turns only the joint with
@@ -314,6 +314,9 @@ def _find_inner_joint(
     where: str,
 ) -> int:
     """Return the index (0 or 1) of the inner joint: the one that carries the other.
+
+    The transmission couples both joints by bevel wheels. The outer joint is on the link
+    that the inner joint turns.
 
     Parameters
     ----------

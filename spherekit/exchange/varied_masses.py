@@ -144,7 +144,10 @@ def _express_mass(
 
 
 def arc_inertia(first: Exprs, second: Exprs, mass: Expr, radius: Expr) -> ArcInertia:
-    """Return inertia tensor and centre of a uniform arc between two axes, as expressions.
+    """Return inertia tensor and centre of mass of a uniform arc, as expressions.
+
+    The arc joins two axes of a link. Mass, radius and axes may be expressions of numbers
+    that vary between designs. The tensor is about the centre of the sphere.
 
     Let L be the length of the arc (rad), and s = sin(L) / (2 L). The unit vector m is along
     the sum of the two axes, and the unit vector a along their difference. The mean of r r^T
@@ -152,12 +155,13 @@ def arc_inertia(first: Exprs, second: Exprs, mass: Expr, radius: Expr) -> ArcIne
 
         M = (1/2 + s) m m^T + (1/2 - s) a a^T.
 
-    The tensor is mass radius^2 (1 - M), and the centre is m radius sin(L/2) / (L/2).
+    The tensor is mass radius^2 (I - M) with the identity matrix I. The centre of mass is
+    m radius sin(L/2) / (L/2).
 
     Parameters
     ----------
     first, second
-        Unit vectors (3,) of the two axes.
+        Unit vectors (3,) of the two axes, in the axes of the link.
     mass
         Mass of the arc (kg).
     radius

@@ -160,8 +160,8 @@ def unit_vector(xyz: Vector) -> Vector:
     if abs(length - 1) > LENGTH_TOLERANCE:
         x, y, z = (round(component / length, 12) for component in xyz)
         raise ValueError(
-            f"found length {length:.9g}, expected a unit vector (to "
-            f"{LENGTH_TOLERANCE:g}); did you mean [{x}, {y}, {z}]?"
+            f"found length {length:.9g}, expected a unit vector (length 1, "
+            f"tolerance {LENGTH_TOLERANCE:g}); did you mean [{x}, {y}, {z}]?"
         )
     if abs(length - 1) <= UNIT_LENGTH_ROUNDING:
         return xyz

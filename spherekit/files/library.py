@@ -207,6 +207,8 @@ def _not_found_message(path: Path, packs: tuple[Pack, ...]) -> str:
     packs
         The packs (sets of files) that installed packages ship.
     """
+    # Names of shipped mechanisms, and of shipped studies. A study file names a mechanism
+    # and the analyses to run.
     names = sorted(name for pack in packs for name in pack.files)
     studies = [name for pack in packs for name in pack.studies]
     folder = path.parent

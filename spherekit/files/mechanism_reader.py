@@ -580,9 +580,9 @@ class _MechanismReader:
     def axes_in_links(self) -> LinkAxes:
         """The unit vector along each R pair, in the coordinates of each of its two links.
 
-        Other pairs, such as circles of gear wheels, are placed by these vectors. The
-        vectors are computed from a mechanism with only the R pairs (hinges) of the file,
-        because the other pairs are not read yet.
+        The file can place other things by these vectors, such as the circles of gear wheels
+        and the directions of outputs. The vectors are computed from a mechanism with only
+        the R pairs (hinges) of the file, because the other pairs are not read yet.
         """
         pairs = tuple(Pair(name, "R", links) for name, links in self.joined_links.items())
         mechanism = Mechanism(
@@ -620,7 +620,7 @@ class _MechanismReader:
         return Output(name, item["link"], relative_to, direction)
 
     def axis_or_vector(self, path: KeyPath, item: Table, prefix: str = "") -> Vector | None:
-        """Return the direction in a table of the file, in the axes of a link.
+        """Return the direction in a table of the file, in the axes of the table's link.
 
         Parameters
         ----------
@@ -647,15 +647,17 @@ class _MechanismReader:
         """Return a pair (joint) from its table in the file.
 
         R pairs (hinges) and P pairs (sliders) have an axis. P pairs become R pairs, because
-        sliding along a great circle is turning about its pole. All other pairs are contacts
-        of two curves.
+        sliding along a great circle is turning about its pole. The axis is not stored in
+        the `Pair`, but in the geometry of the mechanism. All other pairs are contacts of
+        two curves, the profiles.
         """
         item = self.data["pairs"][name]
         path = ("pairs", name)
         # `joined_links` has the two links of every pair with an axis.
         if name in self.joined_links:
             return Pair(name, "R", self.joined_links[name])
-        # Gears and cones have circles. The curves of other contacts are in the file.
+        # The profiles of gears and cones are circles, which are computed from the table.
+        # The file states the profiles of other contacts.
         if "teeth" in item or "half_angles" in item:
             profiles = self.cones(path, item)
         else:

@@ -179,6 +179,8 @@ def _tables(mechanism: Mechanism) -> dict[str, _Table]:
     """
     geometry = mechanism.geometry
     source = mechanism.source
+    # The other kind of geometry (a pose with the axes of all pairs) has no sizes of links.
+    # It is written to the tables of the pairs.
     link_sizes = geometry.links if isinstance(geometry, SizeGeometry) else {}
     tables: dict[str, _Table] = {
         "source": {} if source is None else table_of(source),

@@ -453,7 +453,7 @@ def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
         yield path, f"found {shown(value)}, expected {bound} {limit:g}"
     elif rule == "uniqueItems":
         repeated = next(item for item in value if value.count(item) > 1)
-        yield path, f"{shown(repeated)} is listed twice; list each name once"
+        yield path, f"{shown(repeated)} is listed twice; list each pair once"
     else:
         yield path, str(error.message)[:200]
 

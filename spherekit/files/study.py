@@ -103,7 +103,9 @@ class Start:
         state: dict[str, float | Numbers] = {}
         for key, value in given.items():
             if key not in ("q", "dq"):
-                raise ModelError(f'start: the key "{key}" is neither q nor dq. {START_SYNTAX}')
+                raise ModelError(
+                    f'start: the key "{key}" is neither q nor dq. {START_SYNTAX}'
+                )
             dimension = ANGLE if key == "q" else ANGULAR_SPEED
             try:
                 state[key] = _read_numbers(value, dimension, angle_unit)

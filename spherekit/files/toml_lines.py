@@ -152,17 +152,18 @@ class _KeyScanner:
     def _enter_table(self) -> None:
         """Record the line of a table header, and make its table the present one.
 
-        A header such as ``[pairs.41]`` has been read; the parts ``pairs`` and ``41`` are in
-        `key_parts`. The keys that follow belong to the present table.
+        The reader calls it at the end of a header such as ``[pairs.41]``. The parts
+        ``pairs`` and ``41`` are then in `key_parts`. The keys that follow belong to the
+        present table.
         """
         outer_path = self._enter_outer_tables(self.key_parts[:-1])
         path = (*outer_path, self.key_parts[-1])
         # A header with two brackets, ``[[name]]``, begins a table of an array.
         if self.header_depth > 1:
             path = self._begin_array_table(path)
-        # The own header of a table replaces a line recorded earlier. For example,
-        # ``[pairs.41]`` records its line for ``pairs``, and the header ``[pairs]`` can
-        # follow.
+        # The line of a table is that of its own header, even if another line was recorded
+        # for it earlier. For example, the header ``[pairs.41]`` also records its line for
+        # the table ``pairs``. If the header ``[pairs]`` follows, its line replaces that.
         self.lines[path] = self.line
         self.table = path
 

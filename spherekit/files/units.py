@@ -225,20 +225,19 @@ def convert_to_model(
 
 
 def convert_to_file(data: Table, unit: AngleUnit) -> Any:
-    """Convert the angles and rates in data of the model to the unit of a mechanism file.
+    """Convert angles and rates in tables to the unit in which a mechanism file has them.
 
     Parameters
     ----------
     data
-        Tables as in a mechanism file, with angles in rad.
+        Tables as in a mechanism file, with angles in rad and rates in rad/s.
     unit
         The unit of angles in the file, "deg" or "rad".
 
     Returns
     -------
-    The same tables with converted numbers. Each of these is a `LiteralNumber`: a float that
-    keeps the decimal digits with which it is written. The digits are read back as the same
-    angle.
+    The same tables with converted numbers. Each of these is a `LiteralNumber`, a float with
+    the text that is written to the file. The text is read back as the same angle.
     """
 
     def convert_angle(path: KeyPath, angle: float) -> LiteralNumber:
@@ -253,7 +252,7 @@ def angle_paths(document: Document) -> set[KeyPath]:
 
     The schema of the file declares which numbers are angles; longitudes and latitudes are
     included. A location is a path of keys, which ends with an index for a number in an
-    array.
+    array. Callers look up whether a number that varies is an angle.
     """
     paths: set[KeyPath] = set()
 

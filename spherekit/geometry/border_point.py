@@ -56,7 +56,10 @@ def points_on_arcs(start: Floats, end: Floats, angle: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class ArcMargins:
-    """Margins of a region along n arcs of great circles, which begin inside the region.
+    """Margins of a region along n arcs of great circles.
+
+    Each arc leads from the inside of the region to the outside. The border of the region is
+    found on it as the zero of the smallest margin.
 
     Attributes
     ----------
@@ -72,11 +75,11 @@ class ArcMargins:
     outside: Floats
 
     def margins(self, angle: Floats, arcs: Indices) -> Floats:
-        """Return all margins (m, k) at angles (m,) rad from the start of arcs (m,)."""
+        """Return all margins (m, k) at angles (m,) rad from the inner ends of arcs (m,)."""
         return self.evaluate(points_on_arcs(self.inside[arcs], self.outside[arcs], angle))
 
     def smallest_margin(self, angle: Floats, arcs: Indices) -> Floats:
-        """Return the smallest margin (m,) at angles (m,) from the start of arcs (m,)."""
+        """Return the smallest margin (m,) at angles (m,) from the inner ends of arcs."""
         return smallest_margins(self.margins(angle, arcs))
 
 
@@ -223,17 +226,22 @@ def find_corners(
 
 
 def _margin_sizes(rounding_errors: Floats) -> Floats:
-    """Return the size of each margin, by which margins of different units are compared.
+    """Return a typical absolute value of each margin, called its size.
+
+    A margin is a function that is at least 0 inside a region. Margins have different units.
+    The caller divides them by their sizes before it minimises the sum of their squares.
 
     Parameters
     ----------
     rounding_errors
-        (k,) rounding error of each margin, proportional to its median size.
+        (k,) rounding error of each margin, `RELATIVE_ROUNDING` times its size.
 
     Returns
     -------
-    (k + 1,) sizes. A margin that is mostly 0 gets the size 1. The last size belongs to
-    `UNDEFINED_MARGIN`, whose index is -1. It is at most 1, because NaN counts as -1.
+    (k + 1,) sizes of the k margins, and of `UNDEFINED_MARGIN`, whose index is -1. A margin
+    that is mostly 0 gets the size 1. `UNDEFINED_MARGIN` stands for the smallest of all
+    margins, where NaN counts as a margin of -1. So the last size is the smallest of all
+    others and 1.
     """
     sizes = rounding_errors / RELATIVE_ROUNDING
     sizes = np.where(sizes > 0.0, sizes, 1.0)

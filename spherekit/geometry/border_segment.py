@@ -221,7 +221,7 @@ def parabola_minima(samples: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class BorderNodes:
-    """Interpolation points (nodes) on the border of a region.
+    """Interpolation points (nodes) on the border of a region of the unit sphere.
 
     The border consists of segments (smooth pieces). Their nodes follow one another.
 
@@ -409,7 +409,9 @@ class BorderSegments(ArrayRows):
         order: int,
         known_height: Floats,
     ) -> None:
-        """Compute and store heights, areas and errors of some segments at a new order.
+        """Compute and store the heights of some segments at a new order, and their areas.
+
+        The estimated errors of the areas are stored, too.
 
         A segment is a piece of the border of a region. Its chord is the arc of the great
         circle between its ends. The height (angle) of the border over the chord is a
@@ -443,8 +445,10 @@ class BorderSegments(ArrayRows):
     ) -> tuple[Floats, Bools]:
         """Return the heights of the border over some chords at all Chebyshev nodes.
 
-        A chord is the great-circle arc between the ends of a piece of the border. Heights
-        that are known from a lower order are used again.
+        A chord is the great-circle arc between the ends of a piece of the border. The
+        height (angle) of the border over the chord is a polynomial along the chord, stored
+        by its values at the nodes. When the degree (order) of the polynomial is raised, the
+        heights at the old nodes are known and are used again.
 
         Parameters
         ----------
@@ -453,7 +457,7 @@ class BorderSegments(ArrayRows):
         selected
             (k,) indices of the segments (pieces of the border).
         known_height
-            (k, order + 1) heights (rad) at the nodes of this order, NaN if not known.
+            (k, order + 1) heights (rad) at the nodes of the new order, NaN if not known.
 
         Returns
         -------

@@ -44,9 +44,11 @@ Its arc length is almost the whole length of the curve, because of rounding.
 
 @dataclass(frozen=True)
 class CurveSamples:
-    """Samples of a curve between which its frame rotates by nearly equal angles.
+    """Samples of a curve, with nearly equal rotations of its frame between neighbours.
 
-    The frame of the curve has the tangent, the normal and the point as columns.
+    The frame of the curve has the tangent, the normal and the point as columns. The search
+    of contacts of two curves compares the frames of their samples. Even rotations make sure
+    that some sample has nearly the frame of a contact, also where a curve bends strongly.
 
     Attributes
     ----------
@@ -65,7 +67,8 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
 
     The frame of a curve on the unit sphere consists of three unit vectors: to the point,
     along the tangent, and at right angles to both. If two curves touch, their frames there
-    are equal.
+    are equal. The caller locates by this the contact of two profiles in the reference pose
+    of a mechanism.
 
     Both curves are sampled, and `_find_starts` chooses pairs of samples with similar
     frames. From each pair, the angle between the frames is minimised. The best minimum is
@@ -183,7 +186,7 @@ def _find_row_maxima(values: Floats, closed: bool) -> Bools:
 
 
 def _sample_evenly(curve: Curve) -> CurveSamples:
-    """Return samples of a curve between which its frame rotates by nearly equal angles."""
+    """Return samples of a curve, with even rotations of its frame between neighbours."""
     coarse = _sample_coarsely(curve)
     # The frame rotates about two perpendicular axes: by 1 as the point moves, and by the
     # geodesic curvature as the tangent turns.

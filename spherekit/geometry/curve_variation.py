@@ -418,10 +418,12 @@ class CurveDerivative:
         return derivatives
 
     def _count_laps(self, signed_lengths: Floats) -> Floats:
-        """Return how many lengths of the path bring arc lengths into its range.
+        """Return how many whole lengths of the path are added to arc lengths of the curve.
 
-        The path has arc lengths from 0 to its length. The arc length on the path is the
-        signed length plus the number of laps times the length of the path.
+        The caller needs the arc lengths on the path, which are counted from 0 at its start
+        to L at its end. The curve can run backwards, and arc lengths of a closed curve can
+        exceed L. The arc length on the path is the signed length plus a whole
+        number of laps times L. The result has these numbers.
 
         Parameters
         ----------
@@ -431,11 +433,12 @@ class CurveDerivative:
 
         Returns
         -------
-        (n,) whole numbers, negative if laps are removed.
+        (n,) whole numbers of laps. A negative number shortens the arc length.
         """
         if self.variation.closed:
             return -np.floor(signed_lengths / self.variation.arc_length.length)
-        # An open curve that runs backwards starts at the end of the path.
+        # An open curve that runs backwards starts at the end of the path. The arc length s
+        # on the curve is then L - s on the path, so there is one lap.
         lap = 1.0 if self.backwards else 0.0
         return np.full_like(signed_lengths, lap)
 
@@ -507,8 +510,9 @@ def differentiate_fourier(
         add_complex_step(cosine_values, cosine_rates),
         add_complex_step(sine_values, sine_rates),
     )
-    # Four azimuths for each order of the series. Between them, the speed is smooth enough
-    # for an accurate integral, the arc length.
+    # The arc length is the integral of the speed over the azimuth. The edges divide the
+    # turn into panels, four for each order of the series. In a panel the speed varies so
+    # little that the integral is accurate.
     edges = azimuth_panels(order_count)
     arc_length_rate = _integrate_speed_rate(moving_path, edges)
     variation = PathVariation(

@@ -448,8 +448,9 @@ def _find_excluding_sets(
     spacing
         Longest edge (rad) of the triangles with which the search begins.
     feature
-        Size (rad) of the smallest part to be found. Triangles that may contain a hidden
-        part are cut until their edges are shorter.
+        Size (rad) of the smallest part of a region to be found. A triangle may contain such
+        a part although no computed direction is in the part. These triangles are cut until
+        their edges are shorter than this size.
 
     Returns
     -------

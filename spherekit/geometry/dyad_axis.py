@@ -91,7 +91,7 @@ def middle_axis(
     difference_square: Any,
     root: Any,
 ) -> tuple[Any, Any, Any]:
-    """Return three factors by which vectors add up to the middle axis b of a dyad.
+    """Return the factors of three vectors whose sum is the middle axis b of a dyad.
 
     A dyad is a chain of two bodies between the outer axes a and c, both unit vectors. The
     axis b of the pair (joint) between its bodies is a sum of a + c, a - c and a x c, times

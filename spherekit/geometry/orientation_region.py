@@ -309,7 +309,8 @@ class _MeasuredCells(ArrayRows):
         (n,) volume of the part of the set in each cell. All orientations together have the
         volume 8 pi^2.
     error
-        (n,) error of each volume; 0 if the volume is certain.
+        (n,) estimated error of each volume; 0 if the cell is known to be inside or outside
+        the set.
     """
 
     boxes: _Boxes
@@ -344,22 +345,26 @@ def _halve_boxes(boxes: _Boxes) -> _Boxes:
 
 
 def _divide_change(parts: _MeasuredVolumes, whole_volume: Floats) -> Floats:
-    """Return errors of the volumes in parts of cells, from a comparison with whole cells.
+    """Return estimated errors of the volume of a set in the eight parts of each cell.
 
-    The space of orientations is divided into cells. When a cell is cut into eight parts,
-    the sum of their volumes is more accurate than the volume of the whole cell. The change
-    estimates the error. Only parts with uncertain volume share it, in equal amounts.
+    The space of orientations is divided into cells. In each cell, the volume of the part
+    that belongs to the set is measured. When a cell is cut into eight parts, they are
+    measured again. The sum of the new volumes is more accurate than the old volume, so
+    their difference is an estimate of the error.
+
+    The volume in a part is certain if the whole part is known to be inside or outside the
+    set. The other parts share the error in equal amounts.
 
     Parameters
     ----------
     parts
-        Volumes of the eight parts of each of k cells, one cell after another.
+        Volumes of the set in the eight parts of each of k cells, one cell after another.
     whole_volume
-        (k,) volumes that were measured in the whole cells.
+        (k,) volumes of the set that were measured in the whole cells.
 
     Returns
     -------
-    (8 k,) errors.
+    (8 k,) errors of the volumes in the parts.
     """
     volume = parts.volume.reshape(-1, 8)
     is_uncertain = ~parts.is_certain.reshape(-1, 8)
@@ -766,9 +771,12 @@ def _subcell_volumes(boxes: _Boxes) -> Floats:
     is a unit quaternion, divided by its largest component. The other components x, y, z,
     from -1 to 1, are coordinates in one of four cubes. In each cube the volume element is
     8 / (1 + x^2 + y^2 + z^2)^2 dx dy dz. The factor 8 is a choice of unit: the volume of
-    all orientations is 8 pi^2. The element is evaluated at the centre of each subcell. The
-    volumes are then scaled so that their sum is the volume of the cell by Gauss's rule,
-    which is far more accurate.
+    all orientations is 8 pi^2.
+
+    The volume of a subcell is computed from the volume element at its centre. The volumes
+    are then scaled, so that their sum is the volume of the cell by Gauss's rule. Gauss's
+    rule is far more accurate than the sum of the unscaled volumes. The caller adds up the
+    parts of the subcells that belong to a set of orientations.
     """
     # The coordinates of boxes are integers from 0 to 2**CUBE_BITS. They are converted to
     # coordinates from -1 to 1. The axes of the arrays are cell, point and coordinate.

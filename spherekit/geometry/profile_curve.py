@@ -103,9 +103,9 @@ class Curve:
     def _find_parameters(self, s: ArrayLike) -> tuple[Floats, Bools]:
         """Return the parameters of the path at arc lengths s (n,), rad, of the curve.
 
-        The path has the same points as the curve. Its parameter may be another one than
-        the arc length. A curve may run backwards, against its path. An open backwards curve
-        starts at the end of the path, a closed one at the start of the path.
+        The path is the same curve as a function of its own parameter, such as the azimuth.
+        A curve may run backwards, against its path. An open backwards curve starts at the
+        end of the path, a closed one at the start of the path.
 
         Returns
         -------
@@ -127,7 +127,8 @@ class Curve:
             slack = PROFILE_END_ROUNDING * self.length
             inside = (path_length >= -slack) & (path_length <= self.length + slack)
             path_length = np.clip(path_length, 0.0, self.length)
-        # A path without a table has its arc length as parameter.
+        # `table` has the arc length as a function of the parameter. Without a table, the
+        # parameter is the arc length.
         u = path_length if self.table is None else self.table.invert(path_length)
         return u, inside
 

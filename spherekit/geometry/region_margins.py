@@ -79,16 +79,17 @@ class MarginEvaluator:
         values = np.asarray(self.margins(points), dtype=float)
         if values.ndim != 2 or len(values) != len(points) or not values.shape[1]:
             raise RegionError(
-                f"the margins of {len(points)} points have the shape {values.shape}; the "
-                "function must return one row for each point and one column for each "
-                "margin"
+                f"for {len(points)} points, the function of the margins returned an array "
+                f"of the shape {values.shape}; it must return one row for each point and "
+                "one column for each margin"
             )
         if np.isinf(values).any():
             raise RegionError(
                 "a margin is infinite; return NaN where a point cannot be reached, and "
                 "finite values elsewhere"
             )
-        # Later calls use the same rounding errors, so that a point is always judged alike.
+        # The rounding errors are estimated only once. With other errors in a later call,
+        # the same point could be inside in one call and outside in another.
         if not self.rounding_errors.size:
             self.rounding_errors = estimate_rounding(values)
         if values.shape[1] != len(self.rounding_errors):
@@ -138,21 +139,23 @@ def smallest_margins(values: Floats) -> Floats:
 def select_margins(values: Floats, numbers: Indices) -> Floats:
     """Return one margin of each point: the margin that ends a region there.
 
-    A margin is a function that is at least 0 inside the region and negative outside. A
-    margin is NaN where it is not defined, and such points count as outside.
+    A margin is a function that is at least 0 inside the region. Outside, at least one
+    margin is negative or NaN (not defined). The caller searches the border of the region as
+    the zero, or the change of sign, of the selected margin.
 
     Parameters
     ----------
     values
-        (n, k) margins.
+        (n, k) margins of n points.
     numbers
-        (n,) index of the margin for each point. `UNDEFINED_MARGIN` selects the smallest
-        margin, where the region ends because a margin becomes NaN.
+        (n,) index of the selected margin for each point. If the region ends because a
+        margin becomes NaN, no margin is zero at the border. The index is then
+        `UNDEFINED_MARGIN`, and the result is that of `smallest_margins`.
 
     Returns
     -------
-    (n,) selected margins. NaN counts as -1, in the smallest margin only if no other margin
-    is negative.
+    (n,) selected margins. A selected margin that is NaN is replaced by -1, so that the
+    point counts as outside.
     """
     is_undefined = numbers == UNDEFINED_MARGIN
     columns = np.where(is_undefined, 0, numbers)  # 0 is replaced below

@@ -327,9 +327,10 @@ class RegionRefinement:
               / _.-'   \
              A --------- B
 
-        Here A and B are inside the region. A fan of small triangles joins A (the apex) to
-        each two neighbouring nodes. The extra triangle A, B, start fills the rest. If only
-        one vertex is inside, the fan from this vertex fills the whole part inside.
+        Here A and B are inside the region. Each two neighbouring nodes form a small
+        triangle with A. These triangles are a fan with the apex A. The extra triangle A, B,
+        start fills the rest. If only one vertex is inside, the fan from this vertex fills
+        the whole part inside.
 
         Returns
         -------
@@ -343,7 +344,7 @@ class RegionRefinement:
         nodes = self.segments.node_points(all_segments)
         points = np.concatenate([self.points, nodes.points])
         node_numbers = np.arange(len(self.points), len(points))
-        # The first node of each segment, in the direction with the region on the left.
+        # The first node of each segment. A segment runs so that the region is on its left.
         start_numbers = node_numbers[nodes.is_start]
 
         whole_triangles = self.triangles[division.inside_count == 3]
@@ -652,8 +653,9 @@ class RegionRefinement:
     def _find_poor_segments(self, max_error: float) -> Bools:
         """Return a mask (n,) of the border segments that need a better approximation.
 
-        A segment is the border in one triangle, with an error of the area. If the sum of
-        all errors is small enough, no segment is returned.
+        A segment is the piece of the border in one triangle. It is approximated by a curve,
+        which causes an error of the area of the region. If the sum of all errors is small
+        enough, no segment is returned.
 
         Parameters
         ----------
@@ -679,8 +681,8 @@ class RegionRefinement:
     def _choose_open_triangles(self, max_area: float) -> Bools:
         """Return a mask (T,) of the open triangles that have to be cut.
 
-        An open triangle may hide a part of the region, so its whole area counts as an error
-        of the area of the region.
+        An open triangle may contain a part of the region, or a hole, that was not found. So
+        its whole area counts as an error of the area of the region.
 
         Parameters
         ----------
@@ -720,9 +722,10 @@ class RegionRefinement:
         self._renumber_segments(mesh.origin, old_count=len(is_cut))
 
     def _renumber_segments(self, origin: Indices, old_count: int) -> None:
-        """Adapt the segments to new indices of triangles; drop those in cut triangles.
+        """Give the segments the new indices of their triangles after triangles were cut.
 
-        A segment is the piece of the border in one triangle.
+        A segment is a piece of the border of the region inside one triangle of the mesh.
+        Segments in triangles that were cut into smaller ones are dropped.
 
         Parameters
         ----------

@@ -179,7 +179,8 @@ def rotation_between_pairs(
     first, second
         (..., 3) the two vectors before the rotation, real or complex.
     to_first, to_second
-        (..., 3) the same two vectors after the rotation. Their scalar product is the same.
+        (..., 3) the same two vectors after the rotation. Their scalar product must be that
+        of `first` and `second`.
 
     Returns
     -------

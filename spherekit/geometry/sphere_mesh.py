@@ -225,7 +225,8 @@ class BisectedMesh:
         (V, 3) vertices and (T, 3) indices of the vertices of each triangle. Old vertices
         come first, with unchanged numbers.
     origin
-        (T,) index that each triangle had before, or -1 for the parts of cut triangles.
+        (T,) index that each triangle had before, or -1 for the parts of cut triangles. With
+        it, the caller keeps the computed properties of the triangles that were not cut.
     """
 
     points: Floats

@@ -109,10 +109,12 @@ def vertex_angles(
         (n,) sides of n triangles (rad, 0 to pi): the base, the side at its first end and
         the side at its second end.
     slack
-        Accepted error (rad), (n,) or the same for all. The triangle inequalities may be
-        violated by up to twice this angle.
+        Accepted error (rad), (n,) or the same for all. A side may exceed the sum of the
+        other two sides by up to twice this angle, and the perimeter may exceed a full turn
+        by as much.
     """
-    # The triangle inequalities: none of these differences is negative.
+    # The triangle inequalities: none of these differences is negative. Each difference is
+    # half of what may be violated by twice the slack.
     half_perimeter = 0.5 * (base + first_side + second_side)
     less_base = half_perimeter - base
     less_first = half_perimeter - first_side
@@ -214,10 +216,11 @@ def close_dyad(
     Parameters
     ----------
     first, second
-        (n, 3) unit axes of the outer pairs, in base axes.
+        (n, 3) unit axes of the outer pairs, both in the same coordinates. The orientations
+        of the bodies are relative to these coordinates.
     first_body, second_body
         Outer axis and middle axis (n, 3) of the body at `first` and of the body at
-        `second`, each in the axes of its body.
+        `second`, each in the coordinates of its body.
     sign
         +1 or -1, or (n,) of these: the sign of middle . (first x second), which determines
         the assembly mode.
@@ -245,25 +248,29 @@ def close_dyad(
     def orient_body(
         axis: Floats, base_tangent: Floats, angle: Floats, body: tuple[Floats, Floats]
     ) -> Floats:
-        """Return the rotation (n, 3, 3) of a body of the dyad, from its axes to base axes.
+        """Return the rotation (n, 3, 3) of a body of the dyad.
 
-        A dyad is a chain of two bodies and three axes, the corners of a spherical triangle.
-        The arc of the body from its outer axis to the middle axis is one side. The arc
-        between both outer axes is the base. `normal` is the unit normal of the plane of the
-        base. `sign`, +1 or -1, says on which side of this plane the middle axis is.
+        It transforms vectors from the coordinates of the body to those of `first` and
+        `second`. A dyad is a chain of two bodies and three R pairs. The axes of the pairs
+        are the corners of a spherical triangle. One side is the arc of the body from its
+        outer axis to the middle axis. The base is the side between both outer axes.
+
+        The outer function provides `normal` and `sign`. `normal` is the unit normal of the
+        plane of the base. `sign`, +1 or -1, says on which side of this plane the middle
+        axis is.
 
         Parameters
         ----------
         axis
-            (n, 3) outer axis of the body, in base axes.
+            (n, 3) outer axis of the body: `first` or `second`.
         base_tangent
-            (n, 3) direction of the base at this axis.
+            (n, 3) unit tangent of the base at this axis, towards the other outer axis.
         angle
             (n,) angle (rad, 0 to pi) of the triangle at this axis.
         body
-            Outer and middle axis (n, 3) of the body, in its own axes.
+            Outer and middle axis (n, 3) of the body, in the coordinates of the body.
         """
-        # The direction of the body's arc at its outer axis: that of the base, turned by the
+        # The tangent of the body's arc at its outer axis: that of the base, turned by the
         # angle towards the side of the middle axis.
         normal_part = (sign * np.sin(angle))[:, None]
         tangent = np.cos(angle)[:, None] * base_tangent + normal_part * normal

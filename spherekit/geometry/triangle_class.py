@@ -103,8 +103,9 @@ def _bernstein_matrix() -> Floats:
 def _slope_matrix(bernstein: Floats) -> Floats:
     """Return the matrix (3, 2, 6) from samples in a triangle to derivatives at corners.
 
-    A function is known at six samples, the vertices 1, 2, 3 and the midpoints of the edges.
-    They determine the polynomial b1 p^2 + b2 q^2 + b3 r^2 + 2 b12 p q + 2 b23 q r +
+    The derivatives give the gradients of margins (functions that are at least 0 inside a
+    region). A margin is known at six samples: the vertices 1, 2, 3 and the midpoints of the
+    edges. They determine the polynomial b1 p^2 + b2 q^2 + b3 r^2 + 2 b12 p q + 2 b23 q r +
     2 b31 r p. Here p, q, r are barycentric coordinates, and the b Bernstein coefficients.
 
     Parameters
@@ -114,8 +115,9 @@ def _slope_matrix(bernstein: Floats) -> Floats:
 
     Returns
     -------
-    The matrix. Axis 0 is the vertex 1, 2 or 3. Axis 1 is the direction: along the edge from
-    1 to 2, or from 1 to 3, with this edge as unit of length. Axis 2 is the sample.
+    The matrix. Axis 0 is the vertex 1, 2 or 3. Axis 1 is the direction: from vertex 1 to 2,
+    or from 1 to 3. The unit of length is the whole edge between these two vertices. Axis 2
+    is the sample.
     """
     # From 1 to 2, q grows and p shrinks. From 1 to 3, r grows and p shrinks. The derivative
     # of the polynomial from 1 to 2 at vertex 1 (p = 1, q = r = 0) is 2 (b12 - b1).
@@ -130,9 +132,10 @@ def _slope_matrix(bernstein: Floats) -> Floats:
 def _check_matrix(bernstein: Floats) -> Floats:
     """Return the matrix (7, 6) from six samples to interpolated values at seven points.
 
-    A margin is interpolated in a triangle by a polynomial of degree 2 through the samples.
-    Its values at the points `CHECK_TWELFTHS` are compared with the margin, to estimate the
-    error of the interpolation.
+    A margin is a function that is at least 0 inside a region. In each triangle of a mesh,
+    the margin is interpolated by a polynomial of degree 2 through six samples: at the
+    vertices 1, 2, 3 and at the midpoints of the edges. The polynomial is compared with
+    further samples at some of the points `CHECK_TWELFTHS`, to estimate its error.
 
     Parameters
     ----------
@@ -236,10 +239,10 @@ def classify_triangles(
 def _bound_undefined_margins(samples: Floats) -> tuple[Floats, Floats]:
     """Return bounds of margins that are NaN at some samples of a triangle.
 
-    Margins are functions that are at least 0 inside a region. Only the signs of the bounds
-    matter, so each bound is 1 or -1. The sign of a margin is certain if its other samples
-    have one sign and vary little (see `STEADY_RATIO`). A margin that is NaN at all samples
-    counts as positive.
+    Margins are functions that are at least 0 inside a region. The caller uses only the
+    signs of the bounds, so each bound is 1 or -1. The sign of a margin is certain if the
+    samples that are not NaN have this sign and vary little (see `STEADY_RATIO`). A margin
+    that is NaN at all samples counts as positive.
 
     Parameters
     ----------
@@ -256,7 +259,9 @@ def _bound_undefined_margins(samples: Floats) -> tuple[Floats, Floats]:
     smallest = np.fmin.reduce(samples, axis=0)
     largest = np.fmax.reduce(samples, axis=0)
     variation = STEADY_RATIO * (largest - smallest)
-    # Comparisons with NaN are false, so a margin without any sample counts as positive.
+    # The sign is certain if all samples are above `variation`, or all are below
+    # -`variation`. Comparisons with NaN are false, so a margin without any sample counts as
+    # positive.
     low = np.where(smallest <= variation, -1.0, 1.0)
     high = np.where(-largest > variation, -1.0, 1.0)
     return low, high
@@ -295,9 +300,10 @@ def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
 def _interpolate_at_checks(triangles: Indices, nodes: Floats) -> Floats:
     """Return interpolated values at the check points of triangles.
 
-    The interpolation error is measured at these points. The check point of an edge is at a
-    quarter of the edge, nearer to the vertex with the lower number, so that both triangles
-    at the edge have the same check point.
+    The caller compares the interpolated values with the true values at these points, to
+    find the interpolation error. The check point of an edge is at a quarter of the edge,
+    nearer to the vertex with the lower number. So both triangles at the edge have the same
+    check point.
 
     Parameters
     ----------
@@ -312,11 +318,13 @@ def _interpolate_at_checks(triangles: Indices, nodes: Floats) -> Floats:
     (4, n, k) values of the polynomial of degree 2 at the check points of these edges and at
     the centroid.
     """
+    # (7, n, k) values near both ends of each edge, and at the centroid.
     interpolated = np.tensordot(_CHECKS, nodes, axes=1)
     near_first_vertex = interpolated[:3]
     near_second_vertex = interpolated[3:6]
     at_centroid = interpolated[6:]
-    # (n, 3) for the edges 12, 23 and 31, whether the second vertex has the lower number.
+    # (n, 3) booleans, a column for each of the edges 12, 23 and 31: whether the second
+    # vertex of the edge has the lower number.
     first = triangles
     second = triangles[:, [1, 2, 0]]
     second_is_lower = second < first

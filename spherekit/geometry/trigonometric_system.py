@@ -135,8 +135,8 @@ class EliminantRoots:
         (n, 2 * d) values of e^(ix). All roots are NaN if the coefficient of the highest
         power is zero.
     relative_errors
-        (n,) rounding error of the coefficients of each eliminant, relative to its largest
-        coefficient.
+        (n,) estimated rounding error of the coefficients of each eliminant, relative to its
+        largest coefficient.
     problems
         For each system the reason why the roots do not give the solutions of the system, or
         "".
@@ -156,8 +156,8 @@ class FourierCoefficients:
     by_order
         (n, 2 * d + 1) coefficients of e^(ikx), in the order k = -d, ..., 0, ..., d.
     relative_errors
-        (n,) rounding error of the coefficients, relative to the largest coefficient of the
-        same polynomial.
+        (n,) estimated rounding error of the coefficients, relative to the largest
+        coefficient of the same polynomial.
     """
 
     by_order: Complexes
@@ -294,8 +294,11 @@ def eliminant_degree(incidence: Bools) -> int:
     A system has t = 1, 2 or 3 equations in as many angles x, y, z. Each equation has degree
     1 in the cosine and sine of each angle that it contains. The eliminant is the
     trigonometric polynomial in x that remains when the other angles are eliminated. The
-    number of complex solutions of the system is twice its degree. If all equations contain
-    all angles, except the first of three, which never contains z, the degrees are:
+    number of complex solutions of the system is twice its degree. The degree also says at
+    how many values of x the eliminant has to be sampled to get its coefficients.
+
+    The first one of three equations never contains z. If the equations contain all other
+    angles, the degrees are:
 
     ====  ===========================================  ======
     t     eliminant                                    degree
@@ -332,8 +335,8 @@ def eliminant_degree(incidence: Bools) -> int:
     # 1. Directly, if y1 and y2 are taken as constant. Each R has the degree of the
     #    resultant.
     # 2. By the coefficients a. If all a are multiplied by k, then y1 and y2 stay the same,
-    #    and the eliminant is multiplied by k^(2p). So each term has 2 p factors a. An a has
-    #    degree 1 in x if the first equation contains x.
+    #    and the eliminant is multiplied by k^(2p). So each term has 2 p factors a. The
+    #    degree of each a in x is 1 if the first equation contains x, otherwise 0.
     power = _resultant_degree(incidence, second_angle)
     degree_of_first_coefficients = int(incidence[0, first_angle])
     return 2 * resultant_degree + 2 * power * degree_of_first_coefficients
@@ -705,6 +708,9 @@ def _store_complete(
 ) -> None:
     """Store the solutions of those systems for which all solutions were found.
 
+    The other systems keep their values in `angles`, which are NaN. The caller can
+    then try another method for them.
+
     Parameters
     ----------
     angles
@@ -713,8 +719,8 @@ def _store_complete(
     systems
         (k,) indices of the systems for which solutions were computed.
     solutions, is_solution
-        (k, m, t) angles (rad), and (k, m) which of them are solutions. The same solution
-        may occur several times.
+        (k, m, t) angles (rad), and (k, m) which of them are solutions. Others are failed
+        computations. The same solution may occur several times.
     """
     for system, candidates, is_valid in zip(systems, solutions, is_solution, strict=True):
         distinct = candidates[is_valid][_are_distinct(candidates[is_valid])]
@@ -838,9 +844,10 @@ def _solve_second_angle(equations: Numbers, first_angles: Numbers) -> SecondAngl
 
     The first of three equations does not contain the last angle z. With a first angle
     inserted, it is the form c0 + c1 cos(y) + c2 sin(y) = 0. Its two zeros are values of y.
-    Each of them is inserted into the other two equations, in which only z remains. The
-    result has the denominator c1^2 + c2^2 of cos(y) and sin(y), because y is not determined
-    where the denominator is zero.
+    Each of them is inserted into the other two equations, in which only z remains. Callers
+    solve these equations for z, or eliminate z from them. The result also has the number
+    c1^2 + c2^2, by which cos(y) and sin(y) were divided. Where it is zero, the form does
+    not determine y.
 
     Parameters
     ----------
@@ -1312,6 +1319,11 @@ def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
         cosine and sine.
     angles
         (n, m, t) starts (rad), m for each system. Solutions, and so starts, may be complex.
+
+    Returns
+    -------
+    The angles after the last step, their residuals, and whether several solutions may
+    coincide there. A start need not lead to a solution, so the caller checks the residuals.
     """
     largest_change = np.inf
     for step in range(MAX_ROOT_NEWTON_STEPS + 1):
@@ -1319,7 +1331,7 @@ def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
         determinants = np.abs(np.linalg.det(jacobians))
         if step == MAX_ROOT_NEWTON_STEPS or largest_change < STEP_TOLERANCE_RAD:
             break
-        # Angles with a singular Jacobian, or with NaN, are not moved.
+        # Where the Jacobian is singular or NaN, no step is possible and the angles stay.
         is_regular = determinants > 0.0
         change = np.zeros_like(angles)
         right_side = -values[is_regular][..., None]

@@ -33,12 +33,12 @@ class CoaxialLink(NamedTuple, Generic[PairName]):
     line
         (3,) unit vector of the line in the axes of this link.
     angle_signs
-        1.0 or -1.0 for each R pair of the chain. The rotations of the chain add up: the
-        angle of the wheel about `line` relative to this link is the sum of the pair
-        variables times these signs.
+        The sign, 1.0 or -1.0, of each R pair of the chain. The rotations of the chain add
+        up: the angle of the wheel about `line`, relative to this link, is the sum of the
+        pair variables, each times its sign.
     path
-        The R pairs of the chain, from the wheel to the link. The number of each pair is 0
-        if its first link is nearer to the wheel, and 1 if its second link is.
+        The R pairs of the chain, from the wheel to the link. Each pair has the side that is
+        nearer to the wheel: 0 for its first link, 1 for its second.
     """
 
     line: Floats

@@ -139,7 +139,7 @@ class Pair:
         it is not stated.
     pressure_angle
         Pressure angle (rad) of the teeth of a rolling contact. The force that presses the
-        wheels apart is the tangent of this angle times the force that rotates them.
+        wheels apart is the tangential force of the teeth times the tangent of this angle.
     """
 
     name: str
@@ -166,7 +166,9 @@ class Pair:
     def rolls(self) -> bool:
         """Whether the pair is a rolling contact.
 
-        The constraints of a rolling contact may depend on those of other pairs (joints).
+        Rolling contacts need special treatment. Their constraints may be redundant, for
+        example those of bevel gears with axes on one carrier. A pose of the links does not
+        show how far a contact has rolled.
         """
         return not self.kind.has_axis and self.kind.variable_count == 1
 
@@ -261,11 +263,11 @@ class SizeGeometry:
     links
         Sizes of each link, by name.
     zeros
-        Angle (rad) of each pair (joint) at which its variable is zero, by name. The angle
-        is measured about the axis of the pair, from the reference arc of the first link to
-        that of the second. The reference arc of a link leads from the axis of the pair to
-        the first axis in `LinkSizes.axes` that is not on the same line. For missing pairs
-        the angle is 0.
+        Zeros (rad) of pairs (joints), by name of the pair; 0 for missing pairs. At a pair,
+        the reference arc of a link leads from the axis of the pair to the first axis in
+        `LinkSizes.axes` that is not on the same line. The zero of the pair is the angle
+        about its axis, from the reference arc of its first link to that of its second link,
+        in the position where the variable of the pair is zero.
     """
 
     links: Mapping[str, LinkSizes]
@@ -281,10 +283,10 @@ class PoseGeometry:
     Attributes
     ----------
     axes
-        Axis of each R pair, a unit vector in ground axes, by name.
+        Axis of each R pair, a unit vector in ground axes, by the name of the pair.
     values
-        Variable (rad) of each R pair in the pose, by name. The variable of a pair that is
-        missing is 0.
+        Variable (rad) of R pairs in the pose, by the name of the pair. The variable of a
+        pair that is missing is 0.
     """
 
     axes: Mapping[str, Vector]

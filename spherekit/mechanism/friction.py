@@ -95,7 +95,7 @@ class Bearings(BearingFriction):
         return self.axial is not None
 
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
-        """Return the forces on the bearings.
+        """Return the forces on the bearings, whose magnitudes determine the friction.
 
         A pair (hinge) has one or two bearings along its axis, at the distances `positions`
         from the centre of the sphere. Two bearings exert the moment and the force that the
@@ -279,8 +279,8 @@ class ContactFriction(BearingFriction):
 
         Returns
         -------
-        (..., 1, 3) push (N m) as a vector in pair axes. The array axis of length 1 numbers
-        the loads of the pair: a contact has one load, a hinge one for each bearing.
+        (..., 1, 3) push (N m) as a vector in pair axes. The array axis of length 1 counts
+        the places where friction acts: a contact has one, a hinge one for each bearing.
         """
         push = moments * [1.0, 0.0, 0.0]
         return push[..., None, :]

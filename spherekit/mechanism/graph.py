@@ -129,7 +129,8 @@ def _separate_nodes(positions: Floats) -> Floats:
     # upward offset, different for each node, separates them.
     positions = positions + 1e-6 * np.arange(len(positions))[:, None] * [0.0, 1.0]
     for _ in range(MAX_NODE_SHIFTS):
-        # For all pairs of nodes: differences (n, n, 2), and half of the lacking distance.
+        # For all pairs of nodes: differences (n, n, 2), and how far each node is pushed. If
+        # nodes are too near, each is pushed by half of the lacking distance and 1e-3 more.
         differences = positions[:, None] - positions
         distances = np.linalg.norm(differences, axis=2, keepdims=True)
         push = np.where(distances < NODE_GAP, 0.5 * (NODE_GAP - distances) + 1e-3, 0.0)

@@ -216,7 +216,7 @@ def check_tensor(key: str, tensor: Floats) -> None:
         raise ModelError(
             f"{key}: the tensor is not symmetric: row {i + 1}, column {j + 1} has "
             f"{tensor[i, j]}, but row {j + 1}, column {i + 1} has {tensor[j, i]}; give the "
-            "same number twice"
+            "same number in both places"
         )
     # `about` is the part of the message that names the reference point. Here it is empty.
     _check_principal_moments(key, tensor, tolerance=MOMENT_TOLERANCE * largest, about="")

@@ -37,8 +37,8 @@ Axes = Literal["ground", "link"]
 class LinkMoment:
     """A moment, or a force at a point, that acts on a link.
 
-    A `LinkMoment` is a part of a `LoadComponent`, which has the magnitude: a function of
-    angles, their rates and time. Magnitude times `direction` is the moment or the force.
+    It is a part of a `LoadComponent`, whose magnitude is a function of angles, their rates
+    and time. This magnitude times `direction` is the moment or the force.
 
     Attributes
     ----------
@@ -459,8 +459,9 @@ def check_field(kind: str, key: str, value: Any, mechanism: LoadedMechanism) -> 
                     inspect.signature(value).bind(0.0, 0.0, 0.0)
                 except TypeError as error:
                     raise ModelError(
-                        f"{key}: the function must have the three arguments time, variable "
-                        f"and rate (t, q, dq), but calling it with them fails: {error}"
+                        f"{key}: the function must accept three arguments (t, q, dq): the "
+                        "time, and the variable and the rate of the pair; calling it with "
+                        f"them fails: {error}"
                     ) from None
         case "text":
             _check_expression(key, value, mechanism)

@@ -174,10 +174,11 @@ class Expression:
 
     @cached_property
     def steep_arguments(self) -> "tuple[Expression, ...]":
-        """Subexpressions; where one is zero or extremal, the value may change suddenly.
+        """Subexpressions; where one is nearly zero, the value may change suddenly.
 
         An example is x in tanh(x / 0.001). Series fitted to samples could miss such a
-        change. The steep arguments are the arguments of all functions except
+        change. Callers therefore examine the zeros of x, and its extrema, where x can touch
+        0. The steep arguments are the arguments of all functions except
         `ENTIRE_OPERATIONS` (smooth everywhere), but for min and max the differences of two
         arguments; the denominators; the bases of powers with other than natural exponents;
         and variable exponents.
@@ -194,9 +195,9 @@ class Expression:
     ) -> "tuple[Expression, ...]":
         """Return the distinct steep arguments of the expression.
 
-        A steep argument is the x of a function such as tanh(x) or 1 / x, which may change
-        suddenly where x is zero or has an extremum. Arguments of the `ignored_functions`,
-        such as `abs`, are left out.
+        A steep argument is the x of a function such as tanh(1000 x) or 1 / x. The function
+        may change suddenly where x passes 0, or nearly touches 0 at an extremum. Arguments
+        of the `ignored_functions`, such as `abs`, are left out.
         """
         nodes = dict.fromkeys(_iterate_steep_arguments(self.root, ignored_functions))
         return tuple(Expression(self.text, _find_names(node), node) for node in nodes)

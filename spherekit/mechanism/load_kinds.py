@@ -418,6 +418,6 @@ def check_joint_limit(limit: JointLimit, mechanism: LoadedMechanism) -> None:
     check_finite(key, (limit.low, limit.high))
     if not limit.low < limit.high:
         raise ModelError(
-            f"{key}: the range must rise from `from` to `to`, but it is "
+            f"{key}: `from` must be less than `to`, but the range is from "
             f"{limit.low:.6g} to {limit.high:.6g} rad"
         )

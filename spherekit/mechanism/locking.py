@@ -432,10 +432,11 @@ def _frames_after_merge(
 def _is_at_reference_value(
     mechanism: Mechanism, pair: Pair, value: float, message_start: str
 ) -> bool:
-    """Check that a pair can be locked; return whether it has this value in the pose.
+    """Check that a pair can be locked at a value; return whether it is the reference value.
 
-    If the pair is locked at the value that it has in the reference pose, all axes of this
-    pose remain valid. The result is False without a reference pose.
+    A mechanism file can give the axes of all pairs in one configuration, the reference
+    pose. The reference value of the pair is its value in this pose. If the pair is locked
+    at it, all axes of the pose remain valid. Without a reference pose, the result is False.
 
     Parameters
     ----------

@@ -443,10 +443,11 @@ class Mechanism:
             replaces some of them, each named by the pair at whose axis the arc ends, as in
             ``{"3": {"43": 70.0}}``.
         zeros
-            For a mechanism given by sizes, by pair: the angle between the reference arcs of
-            its two links at which the variable of the pair is zero. The reference arc of a
-            link leads from the axis of the pair to the first other axis of the link that is
-            not on the same line.
+            For a mechanism given by sizes, the new zeros of pairs, by name of the pair. At
+            a pair, the reference arc of a link leads from the axis of the pair to the first
+            other axis of the link that is not on the same line. The zero of the pair is the
+            angle from the reference arc of its first link to that of its second link in the
+            position where the variable of the pair is zero.
         axes, values
             For a mechanism given in a reference pose, by pair: its axis (3,) of any length,
             and the value of its variable.
@@ -474,7 +475,7 @@ class Mechanism:
             if argument is not None:
                 raise ModelError(
                     f"{self.name}: with_sizes: {key} cannot be changed, because this "
-                    f"mechanism is given by {form}; change one of these"
+                    f"mechanism is given by {form}; change one of those instead"
                 )
         for name in {**(zeros or {}), **(axes or {}), **(values or {})}:
             if not self.pair(name).kind.has_axis:
@@ -674,7 +675,8 @@ def _check_names(where: str, mechanism: Mechanism) -> None:
     """
     _check_name_list(where, "link", mechanism.links)
     _check_name_list(where, "pair", [pair.name for pair in mechanism.pairs])
-    # Inputs, masses and joint limits have the name of their pair or link.
+    # Inputs, masses and joint limits have no names of their own, but that of their pair or
+    # link. So the advice for two of them with one name is not to rename one.
     advice = "remove one of them"
     _check_name_list(where, "input at pair", mechanism.input_pairs, advice)
     _check_name_list(where, "output", [output.name for output in mechanism.outputs])
@@ -735,6 +737,8 @@ def _check_name_list(
 
 class _NameReference(NamedTuple):
     """A place at which a mechanism refers to a link or a pair by its name.
+
+    The mechanism checks that the link or pair exists. Messages give the key.
 
     Attributes
     ----------
@@ -921,9 +925,9 @@ def _advise_on_axes(
 ) -> str:
     """Return advice for the user if the axes of a link are not those of its R pairs.
 
-    Each axis of a link should have the name of an R pair (hinge) on this link. Only axes
-    that are declared as unpaired have no pair. There are several faults: the pair does not
-    exist or is on another link, or the list of axes lacks an axis or has it twice. A
+    Each axis of a link should have the name of an R pair (hinge) on this link. Axes
+    that the file declares as unpaired need no pair. There are several faults: the pair does
+    not exist or is on another link, or the list of axes lacks an axis or has it twice. A
     missing pair probably joins the links that list its axis.
 
     Parameters
@@ -985,7 +989,7 @@ def _describe_wrong_arc(arc: float) -> str:
         return f"found {arc:.6g} rad; an arc between two axes is between 0 and pi"
     return (
         f"found {degrees:.6g} deg ({arc:.6g} rad); an arc between two axes is between 0 "
-        "and 180 deg. Measured the shorter way, the axis is "
-        f"{abs(math.remainder(degrees, 360)):.6g} deg from the first one; to allow arcs "
-        "below 0 and above 180 deg, set signed_arcs = true in the link"
+        "and 180 deg. Measured the shorter way, the two axes are "
+        f"{abs(math.remainder(degrees, 360)):.6g} deg apart; to allow arcs below 0 and "
+        "above 180 deg, set signed_arcs = true in the link"
     )

@@ -14,17 +14,20 @@ from spherekit.mechanism.pair_frames import COLLINEAR_SINE
 class PoseSize(NamedTuple):
     """An arc or an angle of a link, measured in the reference pose.
 
-    The reference pose is one configuration with known axes. All arcs of a link begin at the
-    axis of its first R pair (hinge). For the axes 1, 2 and 3, the arcs are 1-2 and 1-3. The
-    angle of axis 3 is at axis 1, from the arc 1-2 to the arc 1-3, counter-clockwise about
-    axis 1.
+    The file of the mechanism has the axes of one configuration, the reference pose, instead
+    of arcs and angles. Designs vary the arcs and angles, so these are measured.
+
+    All arcs of a link begin at the axis of its first R pair (hinge). For the axes 1, 2 and
+    3, the arcs are 1-2 and 1-3. The angle of axis 3 is at axis 1, from the arc 1-2 to the
+    arc 1-3, counter-clockwise about axis 1.
 
     Attributes
     ----------
     kind
         Whether it is one of the link's arcs or one of its angles.
     pair
-        Name of the pair whose axis the arc or angle places, such as the pair of axis 3.
+        Name of a pair, such as that of axis 3. The arc ends at its axis, or the angle is
+        the angle of its axis.
     value
         Arc or angle (rad).
     growth_axis

@@ -180,6 +180,8 @@ def _find_shaft(
 ) -> WheelShaft:
     """Find the R pair (hinge) about which a wheel of a rolling contact rotates.
 
+    The caller rotates both wheels about their shafts, to find where their circles touch.
+
     Parameters
     ----------
     mechanism

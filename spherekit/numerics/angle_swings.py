@@ -84,9 +84,10 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
 def _repeat_closed_paths(angles: Floats) -> Floats:
     """Append the samples of a closed path to themselves, where this joins two pieces.
 
-    Samples at which the angle is unknown divide the path into pieces. If the angle is the
-    same at the first and the last sample, the last piece continues with the first. In the
-    repeated path they are one piece.
+    The caller searches the widest swing: the difference of the largest and the smallest
+    angle in one piece of the path. Samples at which the angle is unknown divide the path
+    into pieces. If the angle is the same at the last and the first sample, the last piece
+    goes on in the first piece. In the repeated path they are one piece.
 
     Parameters
     ----------
@@ -95,11 +96,11 @@ def _repeat_closed_paths(angles: Floats) -> Floats:
 
     Returns
     -------
-    (2 k, n) the angles twice. The second half is NaN in modes whose first and last piece do
+    (2 k, n) the angles twice. The second half is NaN in modes whose last and first piece do
     not meet, and in modes whose angles are all known.
     """
-    # If all angles of a mode are known, the single piece contains each swing already.
-    # Repeated revolutions would be added up to a larger swing.
+    # If all angles of a mode are known, they are a single piece, which needs no repetition.
+    # If this angle makes full revolutions, a repetition would count them twice.
     pieces_meet = np.abs(wrap(angles[-1] - angles[0])) < SAME_ANGLE_RAD
     has_several_pieces = np.any(np.isnan(angles), axis=0)
     repetition = np.where(pieces_meet & has_several_pieces, angles, np.nan)

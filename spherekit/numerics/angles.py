@@ -24,6 +24,9 @@ def wrap(angles: ArrayLike) -> Floats:
 def return_after_revolutions(first: ArrayLike, last: ArrayLike) -> bool:
     """Return whether angles move from `first` to `last` by whole revolutions.
 
+    The inputs at the first and at the last sample then show that the path of the samples is
+    closed.
+
     Parameters
     ----------
     first, last
@@ -31,8 +34,8 @@ def return_after_revolutions(first: ArrayLike, last: ArrayLike) -> bool:
 
     Returns
     -------
-    True if every angle ends where it started, after any number of revolutions (also none).
-    False if all numbers are exactly equal, so that nothing has moved.
+    True if every angle changes by a whole number of revolutions, which may be 0. But False
+    if `first` and `last` are exactly equal, because then nothing has moved.
     """
     change = np.asarray(last, dtype=float) - np.asarray(first, dtype=float)
     return bool(np.any(change != 0.0) and np.all(np.abs(wrap(change)) < SAME_ANGLE_RAD))

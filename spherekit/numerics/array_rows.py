@@ -28,10 +28,10 @@ class ArrayRows:
         return type(self)(**selected)
 
     def assign_rows(self, rows: Indices, new: Self) -> None:
-        """Replace some rows of the arrays in place by the rows of another such object.
+        """Replace some rows of the arrays in place by the rows of another object.
 
-        Nested `ArrayRows` and arrays in dictionaries are changed too. The class must not
-        have a field with arrays in a tuple.
+        Nested `ArrayRows` and arrays in dictionaries are changed too. Arrays in tuples are
+        not changed, so the class must not have a field with such a tuple.
 
         Parameters
         ----------

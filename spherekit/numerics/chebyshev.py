@@ -428,7 +428,7 @@ def multiply_variables(polynomials: Floats) -> Floats:
     """Return all products of one Chebyshev polynomial per variable.
 
     With two variables they are T_j(x_1) T_k(x_2) for all orders j and k, with k varying
-    fastest.
+    fastest. The value of a series is the sum of its coefficients times these products.
 
     Parameters
     ----------

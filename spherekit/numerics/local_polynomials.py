@@ -80,7 +80,8 @@ def make_local_polynomials(
 def _convert_to_powers(coefficients: Floats, half_widths: Floats) -> Floats:
     """Convert Chebyshev series to powers of the distance from the middle of each cell.
 
-    A cell is an interval of the variable. Powers are evaluated faster at one position.
+    A cell is an interval of the variable. The caller evaluates the functions by Horner's
+    scheme, which needs powers.
 
     Parameters
     ----------

@@ -385,8 +385,9 @@ def _enclose_touching_extrema(series: Floats, touching: Floats, error: float) ->
 def merge_intervals(intervals: Floats) -> Floats:
     """Return intervals (d, 2) in rising order, after merging those that overlap or touch.
 
-    The common end of two intervals can differ by rounding. A gap of at most `MERGE_RATIO`
-    times the length of the second interval is therefore ignored.
+    The common end of two touching intervals can differ by rounding. A gap between two
+    intervals is therefore ignored if it is at most `MERGE_RATIO` times the length of the
+    interval after the gap.
     """
     merged: list[tuple[float, float]] = []
     # The largest end of all intervals so far.

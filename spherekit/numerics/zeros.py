@@ -247,9 +247,10 @@ def _add_end_zeros(
 ) -> Zeros:
     """Return the zeros inside a range together with those at its two ends.
 
-    If the function only touches zero at an end, it resembles a parabola there. Rounding may
-    have produced false zeros near the end, which are replaced by one double zero (a zero
-    without a change of sign) at the end.
+    Near a zero at an end, the function is within its rounding errors, which may have
+    produced false zeros. These are removed in favour of the zero at the end. If the
+    function only touches zero there, like a parabola, this is a double zero (a zero without
+    a change of sign).
 
     Parameters
     ----------

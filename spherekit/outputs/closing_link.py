@@ -388,7 +388,8 @@ class DyadsWithClosingLink:
         directions
             (3, n) directions of the output.
         signs
-            1 or -1 for each dyad (two links placed together), for one of its two positions.
+            A dyad (two links placed together) has two positions. The sign of each dyad, 1
+            or -1, chooses one of them.
 
         Returns
         -------

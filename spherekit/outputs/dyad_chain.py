@@ -186,7 +186,7 @@ class DyadChain:
         self.joints = joints
         self.base = base
         self.posed_link = posed_link
-        # Some methods of this class remember their results.
+        # `axis_source` and `vector_weights` remember their results.
         self._cache_methods()
         # The dyads, and the number of the dyad to which each link and each pair belongs.
         self.dyads = tuple(self._make_dyad(group) for group in assembly.groups)
@@ -198,8 +198,9 @@ class DyadChain:
             for pair in dyad.pairs:
                 self.dyad_of_pair[pair] = number
         # For each quantity, such as the angle of pair 3, the numbers of the dyads whose
-        # signs it depends on. The mapping begins empty. The class `WorkingMode` adds an
-        # item when it computes a quantity.
+        # signs it depends on. Modes with the same signs of these dyads share the quantity.
+        # The mapping begins empty. The class `WorkingMode` adds an item when it computes a
+        # quantity.
         self.sign_dependencies: dict[Hashable, frozenset[int]] = {}
 
     def _cache_methods(self) -> None:

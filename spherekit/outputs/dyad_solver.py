@@ -51,21 +51,22 @@ class DyadKinematics(ClosedKinematics):
     def __init__(self, kinematics: InverseKinematics) -> None:
         """Store the inverse kinematics, and name the leg of each dyad by its three pairs.
 
-        A dyad is two links with three R pairs. To hold the output in a pose, the inverse
-        kinematics adds virtual links and pairs between the output link and its reference
-        link. The name of a leg has a real pair with the same axis in place of a virtual
-        pair, because users know only real pairs.
+        A dyad is two links with three R pairs. The inverse kinematics prescribes the pose
+        of the output. For this it adds virtual links and pairs between the output link and
+        its reference link. The name of a leg has a real pair with the same axis in place of
+        a virtual pair, because users know only real pairs.
 
         Parameters
         ----------
         kinematics
-            Inverse kinematics of an output whose mechanism consists of dyads when it is
-            held.
+            Inverse kinematics of an output. The mechanism must consist of dyads while this
+            output is held in a pose.
         """
         assert kinematics.dyads is not None
         virtual_chain = kinematics.wrist
         mechanism_without_virtual_links = kinematics.own
-        # `points` is True if the output is a direction, False if it is an orientation.
+        # `virtual_chain.points` is True if the output is a direction, and False if it is an
+        # orientation.
         super().__init__(
             mechanism_without_virtual_links, virtual_chain.output, virtual_chain.points
         )
@@ -220,8 +221,8 @@ class GearedKinematics(ClosedKinematics):
         mechanism, output
             The whole mechanism, and its output.
         wheelless
-            Closed form of the mechanism without the wheels, driven at the entry pairs. This
-            mechanism has the links that carry the output.
+            Closed form of the mechanism without the wheels, driven at the entry pairs. The
+            links of the output belong to this mechanism.
         train
             The wheels, with the ratios by which their pairs follow from the inputs.
         entry_pairs
@@ -467,8 +468,9 @@ def _solve_without_wheels(
 ) -> DyadKinematics | None:
     """Return the closed form of a mechanism without its wheels, None if it has none.
 
-    The closed form gives the angles of the entry pairs from a pose of the output. Entry
-    pairs are inputs of the whole mechanism, or pairs that the wheels turn.
+    Some of the remaining pairs are entry pairs: they are inputs, or the wheels turn them.
+    The closed form gives the angles of the entry pairs from a pose of the output. From
+    these angles, `GearedKinematics` then computes the inputs by the ratios of the wheels.
 
     Parameters
     ----------
@@ -500,16 +502,17 @@ def _solve_without_wheels(
 def _choose_least_inputs(entry_angles: Floats, inverse_ratios: Floats) -> Floats:
     """Return the tried inputs with the smallest sum of absolute values at each of n poses.
 
-    The inputs follow from the angles of entry pairs, which the wheels turn. These angles
-    are known up to whole revolutions. A revolution of an entry pair changes the inputs by
-    other angles, depending on the ratios, while the pose remains the same. For each entry
-    pair, one revolution less, none, and one more are tried. More revolutions could give a
-    smaller sum.
+    An entry pair is a pair that is an input, or that toothed wheels turn. The inputs are
+    linear functions of the angles of the entry pairs. A pose gives these angles only up to
+    whole revolutions. A revolution of an entry pair leaves the pose as it is, but changes
+    the inputs. The caller needs one choice. For each entry pair, one revolution less, none,
+    and one more are tried. More revolutions are not tried, but could give a smaller sum.
 
     Parameters
     ----------
     entry_angles
-        (n, entry pairs) angles (rad) in (-pi, pi], less their values at inputs of 0.
+        (n, entry pairs) angles (rad) in (-pi, pi] of the entry pairs, counted from their
+        values at inputs of 0.
     inverse_ratios
         (inputs, entry pairs) derivatives of the inputs with respect to these angles.
 
@@ -532,18 +535,22 @@ def _choose_least_inputs(entry_angles: Floats, inverse_ratios: Floats) -> Floats
 def _find_pairs_without_wheels(
     mechanism: Mechanism, output: Output, pairs: set[int]
 ) -> set[int]:
-    """Return the pairs of the links through which the output is joined to the ground.
+    """Return the pairs that remain if the wheels of a mechanism are removed.
 
-    Wheels and their supports are left out. Without the contacts between wheels, a wheel has
-    a single pair and so joins nothing. Such links are removed with their pair, again and
-    again, until all links have at least two pairs.
+    The remaining mechanism joins the output to the ground. From a pose of the output, it
+    gives the angles of the pairs that the wheels turn.
+
+    Without the contacts between wheels, a wheel has a single pair, so it connects no other
+    links. Each link with a single pair is removed with this pair. A link that only supports
+    wheels then has a single pair, too. The removal is repeated until no such link is left.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     output
-        The output. Its two links and the ground are not removed.
+        The output, a link whose pose relative to another link is wanted. Both links and the
+        ground are not removed.
     pairs
         Numbers of the R pairs, without the contacts between wheels.
     """

@@ -102,8 +102,8 @@ Larger: values outside are accepted and moved to the end. Smaller: rounded ends 
 class RotationSamples:
     """n configurations of a mechanism whose output link turns about a fixed axis.
 
-    Vectors and orientations are in the axes of the base, the link that the output is
-    relative to.
+    Vectors and orientations are in the axes of the base. The motion of the output link is
+    measured relative to this link.
 
     Attributes
     ----------
@@ -115,10 +115,10 @@ class RotationSamples:
     values
         (n, variables) rad, the variables of all pairs.
     orientation
-        (n, 3, 3) from the axes of the output link to those of the base.
+        (n, 3, 3) rotation matrices from the axes of the output link to those of the base.
     orientation_error
-        (n,) rad, the angle between this orientation and the one turned exactly about the
-        axis.
+        (n,) rad, the angle between this orientation and that of an exact rotation by theta
+        about the axis.
     drift
         (n,) rad, the angle between the momentary axis of the link (the direction of its
         angular velocity) and the fixed axis.
@@ -127,8 +127,9 @@ class RotationSamples:
         `spherekit.velocities.transmission_measure`.
     status
         (n,) codes of `Status`. Rows with other codes than OK and AT_SINGULARITY are NaN, as
-        are rows beyond the end of the path. At AT_SINGULARITY the inputs or the orientation
-        do not determine the configuration. Rates that are not finite are NaN.
+        are rows beyond the end of the path. At AT_SINGULARITY the inputs do not determine
+        the configuration, or the orientation of the output link does not. Rates that are
+        not finite are NaN.
     """
 
     theta: Floats
@@ -345,27 +346,29 @@ class FollowedRotation(RotationPath):
     ) -> tuple[Floats, Floats]:
         """Return the first and second derivatives of the variables with respect to theta.
 
-        theta is the angle by which the output link turns about a fixed axis.
+        The target is an orientation that turns exactly about the fixed axis, by the angle
+        theta. In each configuration the output link is as near to the target as it can be.
 
-        At a leap the tracking stepped over a singular configuration. The path is smooth
-        there, but derivatives have large rounding errors. Within `LEAP_NEIGHBOURHOOD_RAD`
-        of a leap, they are therefore replaced by a polynomial through derivatives at
-        Chebyshev points around the leap.
+        Leaps are the angles at which the tracking of the path stepped over a singular
+        configuration. The variables are smooth functions of theta there, but their computed
+        derivatives have large rounding errors. Within `LEAP_NEIGHBOURHOOD_RAD` of a leap, a
+        polynomial therefore replaces them. It interpolates the derivatives at Chebyshev
+        points around the leap.
 
         Parameters
         ----------
         theta
             (n,) angles (rad).
         deviation
-            The configurations at these angles, with the deviation of the output link from
-            its target. The target is an orientation that turns exactly about the axis.
+            The configurations at these angles, with the rotations that remain from the
+            output link to the target.
 
         Returns
         -------
         first, second
             (n, variables) derivatives.
         """
-        # Derivatives while the target turns about the axis.
+        # Derivatives of the configurations that stay nearest to the target while it turns.
         rates = deviation.rates(self.axis)
         first_theta, last_theta = self.nodes.theta[[0, -1]]
         chebyshev_points = chebpts1(LEAP_CHEBYSHEV_POINTS)
@@ -379,6 +382,7 @@ class FollowedRotation(RotationPath):
             # The Chebyshev points are in [-1, 1]. Their number is even, so none is in the
             # middle, where the leap usually is.
             points = 0.5 * (low + high) + 0.5 * (high - low) * chebyshev_points
+            # The nearest configurations at these points, from interpolated guesses.
             guess, _ = self.nodes.interpolate(points)
             deviation_at_points, _ = self.find_nearest(points, guess)
             rates_at_points = deviation_at_points.rates(self.axis)

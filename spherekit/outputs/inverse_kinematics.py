@@ -349,19 +349,20 @@ class InverseKinematics:
             (n, 3, 3) orientations of the output link, or (n, 3) directions in which it
             points. Both are relative to the link from which the output is observed.
         modes
-            The requested working modes, each as a tuple of signs from the property `modes`;
-            all by default.
+            The requested working modes (ways to assemble the links at a pose), each as a
+            tuple of signs from the property `modes`; all by default.
         normals
             Whether the result includes the normals, from which `Inverse.jacobian` is
             computed. The normal of an input is perpendicular to every angular velocity of
             the output that is possible while this input is locked.
         near
             (n, 3, 3) approximate orientations of the output link, or one (3, 3) for all
-            poses. They are needed only for directions, and only if the modes have the sign
-            of a bar. A bar is a link that fits between its neighbours only at certain
-            rotations of the output link about its direction (see `modes`). Newton's method
-            finds such a rotation, starting from `near`. A pose whose start is NaN is
-            OUT_OF_REACH.
+            poses. They are needed only for directions, and only if the mechanism has a bar.
+            With a given direction, the output link can still turn about it by an angle t.
+            A bar is a link that fits between its two neighbours only at certain angles t.
+            Newton's method finds such an angle, starting from that of `near`. It has to be
+            one with the sign that the mode has for the bar (see the property `modes`). A
+            pose whose start is NaN is OUT_OF_REACH.
 
         Raises
         ------
@@ -369,7 +370,7 @@ class InverseKinematics:
             If the poses are not rotations or directions, `modes` is empty, a mode does not
             exist, or `near` is missing or has a wrong shape. Another cause is a mechanism
             that, with its output held, does not consist of dyads (two links each), or of
-            dyads and a bar. The method `solutions` works for such a mechanism.
+            dyads and a bar (see `near`). The method `solutions` works for this mechanism.
         """
         if self.dyads is None and self._closing_link is None:
             raise self.no_closed_form(
@@ -761,15 +762,16 @@ class InverseKinematics:
 
         Returns
         -------
-        (n, 3, 3) orientations, or (n, 3) directions if the output points.
+        (n, 3, 3) orientations. If the output is a direction fixed in its link, (n, 3)
+        directions.
 
         Raises
         ------
         SolveError
             If the shape is wrong, or a pose is not a rotation matrix or unit vector.
         """
-        # A copy, since `Inverse.type_2` is computed later. The user may change the array in
-        # between.
+        # The array is copied, because `Inverse.type_2` is computed from it only when the
+        # user asks for it. The user may have changed the original array by then.
         array = np.array(poses, dtype=float)
         is_direction = self.wrist.points  # otherwise the output is an orientation
         pose_shape = (3,) if is_direction else (3, 3)

@@ -61,11 +61,15 @@ class ElbowFeet:
     def elbows(self, modes: ArrayLike) -> tuple[Floats, Floats]:
         """Return the elbows of the legs in given modes, and their triple products.
 
-        The elbow of a leg is the axis between its two links. The elbow is in the mid-plane,
-        in which base and end effector mirror each other. Two positions are possible, which
-        the sign of the triple product n . (base axis x elbow) distinguishes. Here n is the
-        unit normal of the mid-plane. `foot` is the point half-way between both positions.
-        `direction` is the change of the elbow per unit of the triple product:
+        A leg has two links of equal arcs, and its elbow is the axis between them. The end
+        effector is the mirror image of the base in a plane, the mid-plane. The elbow of
+        each leg lies in this plane.
+
+        The angle from the elbow to the axis of the leg on the base is the arc of a link.
+        Two positions of the elbow in the mid-plane have this angle. They differ in the sign
+        of the triple product n . (base axis x elbow), with the unit normal n of the
+        mid-plane. `foot` is the point half-way between both positions. `direction` is the
+        change of the elbow per unit of the triple product:
 
             elbow = foot + triple_product * direction.
 

@@ -354,8 +354,8 @@ class MidPlaneArchitecture:
         ----------
         normals
             (n, 3) unit normals of the mid-planes, in which base and end effector mirror
-            each other. They are in mirror axes: the axes of the base, turned by the
-            constant matrix `frame`.
+            each other. The normals are given in mirror axes. The constant matrix `frame`
+            leads from mirror axes to the axes of the base.
         modes
             (legs,) or (n, legs) signs, 1 or -1, which choose one of the two elbows (axes
             between its two links) that each leg can have.
@@ -715,17 +715,20 @@ def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int)
 
 
 def _spread_normals(plane: MidPlane) -> Floats:
-    """Return normals (n, 3) of mid-planes spread evenly over the reach of all legs.
+    """Return normals (n, 3) of mid-planes that all legs reach, spread evenly.
 
-    Base and end effector mirror each other in the mid-plane, and legs join them. The base
-    axis is the axis of a leg at the base. The angle between this axis and the mid-plane has
-    the sine normal . axis. The leg reaches the mid-plane if the angle is small enough.
+    Base and end effector mirror each other in the mid-plane, and legs join them. The caller
+    tests at these mid-planes whether the formulas of this architecture are right for the
+    mechanism.
+
+    The base axis is the axis of a leg at the base. A leg reaches the mid-planes whose angle
+    to the base axis is at most `plane.reach`. The sine of this angle is |normal . axis|.
     """
     # A normal and its opposite belong to the same plane, so z >= 0 is enough.
     normals = spiral_directions(PROOF_DIRECTION_COUNT, min_z=0.0)
     # (n, legs) sines of the angles between the base axes of the legs and the mid-planes.
-    # Their limits are a little smaller than the largest possible angle, `plane.reach`. At
-    # this angle rounding errors are large.
+    # The largest angle used is a little smaller than `plane.reach`, because rounding errors
+    # are large at this limit.
     sines = np.abs(normals @ plane.axes.T)
     limits = np.sin(PROOF_REACH_RATIO * plane.reach)
     all_legs_reach = np.all(sines < limits, axis=1)

@@ -131,7 +131,8 @@ class SingularMotions:
     """A motion at each of n configurations, and how nearly it is a singular motion.
 
     At a singular configuration some rates of the pairs solve the velocity equations while
-    the output or the inputs rest. The rates here solve these equations best.
+    the output or the inputs rest. Of all rates with unit length, those with the least error
+    of these equations are stored.
 
     Attributes
     ----------
@@ -139,7 +140,7 @@ class SingularMotions:
         (n, variables) rates of the pair variables, of unit length.
     residual
         (n,) the larger one of two errors, which are both 0 at a singular configuration: the
-        error of the velocity equations, and the rotation (rad) by which a loop is open. The
+        error of these equations, and the rotation (rad) that a loop lacks to be closed. The
         residual is infinite where there is no configuration.
     """
 
@@ -537,10 +538,11 @@ class _MidPlaneCurveSearch:
 def _find_zeros_on_edges(
     function: Callable[[Floats], Floats], edge_ends: Floats, end_values: Floats
 ) -> Floats:
-    """Return the points of mesh edges at which a function is zero.
+    """Return the point of each given mesh edge at which a function is zero.
 
-    The mesh covers a part of the unit sphere. Its points are unit vectors, the variable of
-    the function.
+    The caller joins these points to the curves on which the function is zero. The mesh
+    covers a part of the unit sphere. Its points are unit vectors, the variable of the
+    function.
 
     Parameters
     ----------
@@ -549,7 +551,7 @@ def _find_zeros_on_edges(
     edge_ends
         (k, 2, 3) unit vectors to both ends of each edge.
     end_values
-        (k, 2) values of the function there, one negative and the other not.
+        (k, 2) values of the function at both ends, one negative and the other not.
 
     Returns
     -------
@@ -603,17 +605,19 @@ def _link_zeros(has_zero: Bools, triangle_edges: Indices) -> Indices:
 
 
 def _is_chain_closed(chain: Indices, links: Indices) -> bool:
-    """Return whether a chain of linked zeros is closed.
+    """Return whether the chain of the zeros of one curve is closed.
 
-    The first zero of a closed chain belongs to two links. A chain of two zeros that are
-    linked twice encloses nothing, and counts as open.
+    The curve is the set of points at which a function on a triangle mesh is zero. Its zeros
+    on mesh edges are linked if they are on edges of the same triangle. The first zero of a
+    closed chain has two links, the first zero of an open chain at most one. Two zeros that
+    are linked twice do not surround an area, so this chain counts as open.
 
     Parameters
     ----------
     chain
-        Numbers of the zeros, in order.
+        Numbers of the zeros along the curve, in order.
     links
-        (links, 2) pairs of linked zeros.
+        (links, 2) pairs of the numbers of linked zeros.
     """
     link_count = np.count_nonzero(links == chain[0])
     return bool(link_count == 2 and len(chain) > 2)

@@ -263,10 +263,10 @@ class _MidPlaneMode:
             e' . n + e . n' = 0.
 
         The input rotates the elbow about the base axis, so e' is the rate of the input
-        times (base axis x e). The direction p of the output is the mirror image of the
-        constant home direction m, so n = (p - m) / ``|p - m|``. For the angular velocity w
-        of the output, p' = w x p. A change of ``|p - m|`` changes n' along n only, and e is
-        at right angles to n. Therefore
+        times (base axis x e). The direction p of the output is the mirror image of a
+        constant direction m of the base (home direction), so n = (p - m) / ``|p - m|``. For
+        the angular velocity w of the output, p' = w x p. A change of ``|p - m|`` changes n'
+        along n only, and e is at right angles to n. Therefore
 
             e . n' = e . (w x p) / ``|p - m|`` = -(e x p) . w / ``|p - m|``,
             rate = (e x p) . w / (n . (base axis x e) ``|p - m|``).
@@ -280,8 +280,8 @@ class _MidPlaneMode:
         elbows, triple_products = self._elbows
         numerators = cross(elbows[:, driven], self.directions[:, None])
         denominators = triple_products[:, driven] * self.home_distance[:, None]
-        # The elbows and directions are in mirror axes, from which `frame` leads to the axes
-        # of the base.
+        # The elbows and directions are in mirror axes, a second set of axes fixed to the
+        # base. The matrix `frame` converts vectors to the axes of the base.
         numerators_in_base = numerators @ self.form.frame.T
         # The variable of a pair can be counted against the rotation of the elbow. The sense
         # is then -1.0.

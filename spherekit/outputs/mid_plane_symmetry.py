@@ -212,12 +212,12 @@ def _find_legs(
 
 @dataclass(frozen=True)
 class _ElbowStructure:
-    """The kind of each pair axis in a mechanism with a mid-plane, and its carriers.
+    """Roles of pair axes and links in a mechanism with a mid-plane.
 
     Base and output link mirror each other in the mid-plane. A leg is two links that join
     the base to the output link. Its elbow is the axis between these two links. The elbows
     of all legs lie in the mid-plane. Further links, the carriers, keep the elbows in this
-    plane.
+    plane. Mechanisms that do not have this structure are rejected.
 
     Attributes
     ----------
@@ -312,10 +312,14 @@ def _find_elbow_carriers(
 def _check_right_angles(
     mechanism: Mechanism, joints: Sequence[Joint], structure: _ElbowStructure
 ) -> None:
-    """Raise `ModelError` if an elbow and a normal are not at right angles in a carrier.
+    """Raise `ModelError` if a carrier has an elbow axis not at right angles to the normal.
 
-    The elbows lie in the mid-plane, so its normal is at right angles to them. Parallel axes
-    would not even determine the orientation of the carrier, which the proof needs.
+    An elbow is the middle axis of a leg. A carrier is a link that keeps elbows in the
+    mid-plane. It has axes along elbows and along the normal of the mid-plane. Elbows lie in
+    the mid-plane, so they are at right angles to its normal.
+
+    A later proof computes the orientation of each carrier from an elbow and the normal.
+    This is impossible if both are parallel.
     """
     for link in structure.elbow_carriers:
         # Axes of the carrier by their kind.

@@ -166,10 +166,10 @@ class NormalCoordinates:
     def coordinates(self, poses: Floats) -> Floats:
         """Return the coordinates v (n, d) (rad) of points (n, d + 1) of the sphere.
 
-        The points are poses: directions (d = 2) or unit quaternions (d = 3). |v| is the arc
-        from the centre of the coordinates, and v shows the direction in which the point
-        lies. For quaternions |v| is at most pi / 2. If the direction is opposite to the
-        centre, |v| is pi, and v is one of many.
+        The points are poses: directions (d = 2) or unit quaternions (d = 3). |v| is the
+        length of the arc from the centre of the coordinates to the point, and v has the
+        direction in which this arc starts. For quaternions |v| is at most pi / 2. If a
+        direction is opposite to the centre, |v| is pi, and all directions of v are right.
         """
         cosine = poses @ self.centre
         # A quaternion and its negative are one orientation. The nearer one is taken.
@@ -177,7 +177,7 @@ class NormalCoordinates:
         tangential = sign[:, None] * (poses @ self.basis.T)
         sine = np.linalg.norm(tangential, axis=1)
         arc = np.arctan2(sine, sign * cosine)
-        # All directions lead to the opposite point. One of them is taken.
+        # Arcs in all directions lead to the opposite point. One of them is taken.
         is_opposite = (sine == 0.0) & (sign * cosine < 0.0)
         tangential[is_opposite, 0] = 1.0
         return tangential * (arc / np.where(sine > 0.0, sine, 1.0))[:, None]

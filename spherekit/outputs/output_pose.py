@@ -172,10 +172,12 @@ class PoseCandidates(ArrayRows):
 
 @dataclass(frozen=True)
 class EndOrientation:
-    """The orientation of the output link at the end of a rotation about a fixed axis.
+    """The orientation at which the output link ends its rotation about a fixed axis.
 
-    The user states the poses at the start and at the end. The mechanism may have several
-    configurations at the end pose, with different orientations. One of them was chosen.
+    The user states the poses of the output link at the start and at the end, between which
+    it rotates. The mechanism may have several configurations at the end pose, with
+    different orientations. `PoseFinder.resolve_end` has chosen one of them. Reports tell
+    the user which one.
 
     Attributes
     ----------

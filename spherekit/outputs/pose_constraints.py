@@ -244,13 +244,15 @@ class LimitedOutput(Protocol):
 def bounds_of(kinematics: LimitedOutput, wanted: Constraints) -> tuple[AngleLimit, ...]:
     """Return all limits of an output, from its mechanism and from the user.
 
+    A pose of the output is in the workspace if it keeps all limits.
+
     Parameters
     ----------
     kinematics
-        The output, with the reach of its legs (the range of the angle between their outer
-        axes) and the joint limits of its mechanism.
+        The output, with the joint limits of its mechanism and the reach of its legs. The
+        reach of a leg is the range of the angle between the axes at its two ends.
     wanted
-        Further constraints.
+        Further constraints, from the user.
 
     Returns
     -------
@@ -260,7 +262,8 @@ def bounds_of(kinematics: LimitedOutput, wanted: Constraints) -> tuple[AngleLimi
     Raises
     ------
     AnalysisError
-        If a pair is unknown, a value has no meaning, or limits contradict each other.
+        If a pair is unknown, a value is not possible (such as a range with its ends in the
+        wrong order), or limits contradict each other.
     """
     bounds = (
         *_limit_axis_angles(kinematics, wanted),
@@ -273,7 +276,7 @@ def bounds_of(kinematics: LimitedOutput, wanted: Constraints) -> tuple[AngleLimi
 def find_least_margin(
     bounds: Sequence[AngleLimit], rows: ModeAtPoses
 ) -> tuple[Floats, Indices]:
-    """Return how much is left to the nearest limit at n poses.
+    """Return how far n poses are from their nearest limit, and which limit this is.
 
     Parameters
     ----------
@@ -289,7 +292,7 @@ def find_least_margin(
     limiting
         (n,) index of this limit, -1 if it is not known.
     """
-    # 1. Size: the least angle that is left, over all limits. NaN is ignored.
+    # 1. Size: the least of the angles that are left to the limits. NaN is ignored.
     angle_margins = np.stack([bound.left(rows) for bound in bounds], axis=1)  # (n, limits)
     margin, limiting = _select_least(angle_margins)
 
@@ -426,6 +429,7 @@ def _collect_axis_ranges(
         whole_range = _AngleRange(0.0, np.pi, "like every angle")
         ranges.setdefault(key, [whole_range]).append(_AngleRange(low, high, source))
 
+    # Each span describes the reach of one leg.
     for span in kinematics.spans:
         first = span.first_pair
         second = span.second_pair
@@ -530,7 +534,9 @@ def _is_always_kept(
     """
     where = f"{limit.one}/{limit.other}"
     if pair == other_pair:
-        raise _error(mechanism, f"parameter apart: {where} names the same axis twice; name two axes")
+        raise _error(
+            mechanism, f"parameter apart: {where} names the same axis twice; name two axes"
+        )
     if not 0.0 <= limit.low <= limit.high <= np.pi:
         raise _error(
             mechanism,
@@ -628,8 +634,8 @@ def _limit_pairs(
         if not -np.inf < limit.low <= limit.high < np.inf:
             raise _error(
                 mechanism,
-                f"parameter limits: {limit.pair}: {range_text} is not a range; give the lower limit "
-                "first",
+                f"parameter limits: {limit.pair}: {range_text} is not a range; give the "
+                "lower limit first",
             )
         middle = 0.5 * (limit.low + limit.high)
         half_width = 0.5 * (limit.high - limit.low)
@@ -690,9 +696,10 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
     if not 0.0 <= near < 0.5 * np.pi:
         raise _error(
             mechanism,
-            f"parameter near: {_format_degrees(near)} is out of range; give an angle of at least 0 "
-            "and less than 90 deg. The workspace leaves out poses at which the singularity "
-            "measure of type I or of type II is less than the sine of this angle",
+            f"parameter near: {_format_degrees(near)} is out of range; give an angle of at "
+            "least 0 and less than 90 deg. The workspace leaves out poses at which the "
+            "singularity measure of type I or of type II is less than the sine of this "
+            "angle",
         )
     if near == 0.0:
         return ()
@@ -755,7 +762,8 @@ def _find_pair(kinematics: LimitedOutput, option: str, name: str) -> int:
         )
         if name in kinematics.mechanism.pair_number:
             reason = (
-                f"parameter {option}: {name} is the pair of a wheel that does not carry the output"
+                f"parameter {option}: {name} is the pair of a wheel that does not carry "
+                "the output"
             )
         raise _error(kinematics.mechanism, reason)
     return carrying_numbers[name]

@@ -257,8 +257,8 @@ class TrackedPath:
     end
         OK if the path reached the requested angle, otherwise the reason why it ends.
     leaps
-        Angles theta (rad) of singular configurations that were stepped over (leaps),
-        because the equations do not determine the links there.
+        Angles theta (rad) of singular configurations that the tracking stepped over. The
+        equations do not determine the links there.
     """
 
     nodes: PathNodes
@@ -615,11 +615,17 @@ class RotationPath:
 def _longest_step(node: PathNodes) -> float:
     """Return the longest step (rad of the rotation) that the curvature of the path allows.
 
-    The path is followed by straight and quadratic predictions. Let f and b be the largest
-    first and second derivatives of a variable. The quadratic part b step^2 / 2 may be at
-    most `CURVED_PART_RAD`. Near a limit of the reach f is large, and b is much larger than
-    f. There the step is limited to a part of f / b, which shrinks with the distance from
-    the limit.
+    Longer steps often fail. Let f and b be the largest first and second derivatives of the
+    variables with respect to the rotation. There are two bounds:
+
+    - The second-order part of the change in a step, b step^2 / 2, is at most
+      `CURVED_PART_RAD`.
+    - A step must not pass the end of the reach, beyond which the output cannot rotate. Near
+      this end, variables change with the square root of the distance to it. The distance is
+      then f / (2 b). The step is at most `MAX_PART_OF_BEND_DISTANCE` f / b.
+
+    The second bound counts only if it is small and f is large. Otherwise the path is not
+    near the end of the reach.
     """
     # `rate` is f and `bend` is b. The tiny summand prevents a division by zero on a
     # straight path.

@@ -103,7 +103,8 @@ class FixedAxisRotation(Protocol):
     """Interface of a rotation of an output link about a fixed axis.
 
     The mechanism moves so that its output link turns about the axis by the angle theta. The
-    configuration is known at any theta.
+    configuration is known at any theta. The functions of this module find the shortest
+    duration of the rotation that the drives of the inputs allow.
     """
 
     @property
@@ -112,7 +113,7 @@ class FixedAxisRotation(Protocol):
 
     @property
     def angle(self) -> float:
-        """The whole angle (rad), 0 or more."""
+        """The whole angle (rad) of the wanted rotation, 0 or more."""
 
     @property
     def inputs(self) -> Names:

@@ -108,8 +108,9 @@ class OutputLink:
             (n or 1, 3, 3) rotations from the axes of the output link to those of body 0,
             the link that the output is relative to.
         """
-        # Orientations of all links, and for each variable its vector: the angular velocity
-        # at its pair if the variable has the rate 1.
+        # `rotations` are the orientations of all links. `vectors` has for each variable the
+        # relative angular velocity of the two links of its pair if the variable has the
+        # rate 1.
         linearisation = self.closure.linearise(values)
         orientations = linearisation.rotations[:, self.number]
         # For each variable 1 or -1 if its pair is on the path from body 0 to the output
@@ -214,6 +215,10 @@ class TargetDeviation:
         pseudo-inverse (n, variables, equations) uses the r largest singular values. The
         other right singular vectors are the motions that keep the loops closed. These
         motions are the columns of the null space (n, variables, freedoms).
+
+        If the mechanism cannot reach the target, Newton's method uses both parts. The
+        pseudo-inverse gives a motion that closes the loops. A motion in the null space then
+        reduces the angle to the target.
         """
         variable_count = self.values.shape[1]
         rank = variable_count - self.output_link.degrees_of_freedom
@@ -221,8 +226,8 @@ class TargetDeviation:
             self.linearisation.jacobian
         )
         regular = singular_values[:, :rank]
-        # At singular configurations some singular values are zero, and quotients not
-        # finite.
+        # At singular configurations some singular values are zero. Quotients by them are
+        # then not finite, without a warning.
         with np.errstate(all="ignore"):
             inverse = transpose(right_vectors[:, :rank]) / regular[:, None]
             inverse = inverse @ transpose(left_vectors)[:, :rank]
@@ -306,8 +311,10 @@ class TargetDeviation:
     def _balancing_reactions(self, force: Floats) -> Floats:
         """Return the reactions in the loops that balance forces on the variables.
 
-        The reactions m satisfy J^T m + force = 0, with the closure Jacobian J. The solution
-        is m = -(J^+)^T force, with the pseudo-inverse J^+.
+        `_transmitted_moments` adds these reactions to the moments that the pairs of the
+        loops transmit. The reactions m satisfy J^T m + force = 0. J is the closure
+        Jacobian, with three rows for each loop. The solution is m = -(J^+)^T force, with
+        the pseudo-inverse J^+.
 
         Parameters
         ----------
@@ -317,7 +324,8 @@ class TargetDeviation:
 
         Returns
         -------
-        (n, loops, 3) moments at the chords. The chord of a loop is the pair that closes it.
+        (n, loops, 3) moment vector of each loop at its chord, the pair that closes the
+        loop.
         """
         reactions = -np.vecmat(force, self._jacobian_split.pseudo_inverse)
         return reactions.reshape(len(force), len(self.linearisation.tree.chords), 3)
@@ -452,6 +460,9 @@ class TargetDeviation:
         one balances the forces. The columns of N are the motions that keep the loops
         closed; other forces are balanced by reactions in the loops.
 
+        The solution is a step of Newton's method towards the configuration nearest to the
+        target, or the derivative of this configuration as the target turns.
+
         Parameters
         ----------
         force
@@ -492,9 +503,9 @@ class TargetDeviation:
                 [-self.linearisation.residual, self.remaining_rotation], axis=1
             )
             return np.matvec(self.system_inverse, right_side)
-        # Close the loops, and make the gradient of the energy a^2 / 2 zero. The force of
-        # the spring on the variables is minus this gradient, G^T d, with the Jacobian G of
-        # the output link and the remaining rotation d.
+        # Close the loops, and make the gradient of the energy a^2 / 2 zero. Minus this
+        # gradient is the force of the spring on the variables. It is G^T d, with the
+        # Jacobian G of the output link and the remaining rotation d (rotation vector).
         force = np.vecmat(self.remaining_rotation, self.output_jacobian)
         # The stiffness is the second derivative of the energy. Only with a positive
         # definite (convex) stiffness does the step certainly lead to a minimum, not to a

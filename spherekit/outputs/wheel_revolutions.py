@@ -115,10 +115,12 @@ def _list_possible_lengths(
     """Return rolled lengths with which the wheels may mesh as in the mechanism file.
 
     The rolled length of a contact is the arc (rad) that one wheel has rolled on the other.
-    If the wheels mesh as in the file, the rolled lengths are linear functions of the
-    inputs. The given lengths close the loops, but may belong to wheels that mesh in other
-    teeth. Whole revolutions of wheels are therefore added to the lengths. Results that are
-    values of the linear functions, for some inputs, are returned.
+    If the same teeth mesh as in the file, the rolled lengths are linear functions of the
+    inputs. The given lengths close the loops, but other teeth may mesh.
+
+    The function adds whole revolutions of wheels to the given lengths. It returns the sets
+    of lengths that the linear functions have at some inputs. The caller closes the loops
+    with each set, and chooses the configuration with the smallest inputs.
 
     Parameters
     ----------
@@ -134,8 +136,8 @@ def _list_possible_lengths(
     (n, m) rolled lengths (rad), those nearest to the lengths at inputs of zero first (by
     the sum of absolute differences). There are at most `MAX_TRIED_ASSEMBLIES` sets.
     """
-    # The smallest inputs are looked for, so lengths are compared with those at inputs of
-    # zero. A reference pose may be many revolutions away from there.
+    # The caller prefers small inputs. Lengths are therefore compared with those at inputs
+    # of zero. A reference pose may be many revolutions away from there.
     zero_inputs = np.zeros((1, len(gear_phases.anchor_inputs)))
     lengths_at_zero = gear_phases.rolled_lengths(zero_inputs)[0]
     combinations = _combine_equivalent_lengths(
@@ -230,11 +232,15 @@ def _find_input_revolutions(
     """Return inputs that differ from q by whole revolutions and give certain lengths.
 
     Closed loops determine the inputs only up to whole revolutions. The lengths that the
-    wheels have rolled on each other decide how many revolutions there are. Any number is
-    found if no other inputs give the same lengths, or if the other inputs can stay at q.
-    All combinations are tried up to half a period from q, but at most
-    `MAX_INPUT_REVOLUTIONS` in both directions. A period is the change of an input after
-    which all wheels are in their first positions again.
+    wheels have rolled on each other decide how many revolutions there are. Two searches
+    propose inputs, and those that give the lengths are kept:
+
+    - All combinations of whole revolutions up to half a period from q are tried, but at
+      most `MAX_INPUT_REVOLUTIONS` of each input in both directions. A period is the change
+      of an input after which all wheels are in their first positions again.
+    - The linear equations of the lengths are solved for some of the inputs, while the rest
+      stay at q. Every subset of the inputs is tried. The number of revolutions is not
+      limited here.
 
     Parameters
     ----------

@@ -59,17 +59,19 @@ class RateFraction:
 class ClosingLinkState:
     """The state of the closing link of a mechanism at n poses.
 
-    An output link that points in a direction can turn about this direction. Direction and
-    turn place the output link. All other links but one follow from the output link. The
-    remaining link, the *closing link*, joins two placed links. The angle between the axes
-    of its two pairs must be its arc, which is an equation for the turn. The residual is the
-    cosine of this angle less the cosine of the arc.
+    A pose is a direction of the output link, which can still turn about this direction.
+    Direction and turn place the output link. All other links but one are then placed in
+    dyads (two links that are joined by a pair). The remaining link, the *closing link*,
+    joins two placed links. It fits if the angle between the axes of its two pairs is its
+    arc. This is an equation for the turn. The residual is the cosine of this angle less the
+    cosine of the arc.
 
     Attributes
     ----------
     residual_rate
         Rate of the residual while the output has the angular velocity w: a fraction
-        ``numerator . w / denominator``.
+        ``numerator . w / denominator``. In a motion the residual stays 0. From this follows
+        the rate of the turn, on which the rates of the inputs depend.
     directions
         (3, n) directions of the output.
     status
@@ -364,7 +366,8 @@ class WorkingMode:
         Parameters
         ----------
         quantity
-            The name of the method with its arguments.
+            Tuple of the name of the method and its arguments. It is a part of the key under
+            which the result is stored.
         method
             A method of this class.
         arguments
@@ -451,7 +454,8 @@ class WorkingMode:
         dyads counts. The configuration is singular if a dyad is nearly stretched or folded.
         """
         numbers = range(len(self.chain.dyads))
-        # A dyad whose outer axes are the same at all poses has only one margin.
+        # The outer axes of a dyad belong to the pairs that join it to other links. If they
+        # are the same at all poses, its margin is an array (1,) instead of (n,).
         margins = np.array(
             np.broadcast_arrays(*(self._dyad_margin(number) for number in numbers))
         )
@@ -567,8 +571,9 @@ class WorkingMode:
         """Return a vector that is fixed in a link of a dyad, in base axes (3, n).
 
         A dyad is two links joined by a middle pair. Each link also has an outer pair, which
-        joins it to a link placed before. The axes p and q of both pairs are known at all
-        poses. The vector is a sum of p, q and p x q with constant weights.
+        joins it to a link with a known orientation. The axes p of the outer pair and q of
+        the middle pair are known at all n poses. The vector is a sum of p, q and p x q with
+        constant weights.
 
         Parameters
         ----------
@@ -640,7 +645,7 @@ class WorkingMode:
 
         # 1. The triple product t = b . (a x c). Its square is negative out of reach, and t
         # is NaN there. At the limit of the reach t is 0, and the square can be negative by
-        # rounding.
+        # rounding. A negative square above `-REACH_SLACK` therefore counts as 0.
         triple_product_square = triple_square(
             half_near_arc, half_far_arc, sum_square, difference_square
         )
@@ -829,8 +834,9 @@ class WorkingMode:
     ) -> RateFraction:
         """Return the scalar product of a vector and the angular velocity of a link.
 
-        The result is a fraction ``numerator . w / denominator`` with the angular velocity w
-        of the output.
+        The rates of the pairs are computed from such products (`pair_rate`). The result is
+        a fraction ``numerator . w / denominator`` with the angular velocity w of the
+        output.
 
         An outer pair joins each link to its support, a link placed before. So the angular
         velocity of the link is the angular velocity of the support, plus the rotation about
@@ -849,9 +855,10 @@ class WorkingMode:
         link
             Number of the link; its angular velocity is relative to the base.
         normal_pairs
-            Pairs whose axes are at right angles to the vector. Rotation about them adds
-            nothing to the scalar product, so their rates are not computed. Only pairs of
-            the link have an influence.
+            Pairs whose axes are at right angles to the vector. Rotation about such an axis
+            adds nothing to the scalar product. If the outer pair has the axis of one of
+            them, its rate is therefore not computed. Pairs that do not belong to the link
+            are ignored.
         """
         chain = self.chain
         if link == chain.base:
@@ -863,10 +870,11 @@ class WorkingMode:
         if self._is_on_one_axis(outer_pair, normal_pairs, link):
             # The outer pair has the same axis as one of the normal pairs. So its axis is at
             # right angles to the vector, and its rate adds nothing. Only the part of the
-            # support remains. The outer pair is a pair of the support as well, and is
-            # passed as its normal pair.
+            # support remains. The outer pair is a pair of the support as well. It is passed
+            # as a normal pair, because the outer pair of the support may have this axis,
+            # too.
             return self.angular_velocity_along(vector, support, normal_pairs=[outer_pair])
-        # The sum above. Normal pairs of this link do not belong to its support.
+        # The sum above. The normal pairs were only needed for the outer pair of this link.
         support_part = self.angular_velocity_along(vector, support)
         # The rate of a pair is the rate of its second link relative to its first link.
         pair_rate = self.pair_rate(outer_pair)

@@ -36,17 +36,18 @@ class Judged:
     Attributes
     ----------
     margin
-        (n,) angle (rad) that is left to the nearest limit, negative outside of the
-        workspace. NaN if it is not known: a limited angle may have no value where a leg
-        does not reach.
+        (n,) angle (rad) that is left to the nearest of all limits of angles. It is negative
+        outside of the workspace. NaN if it is not known: a limited angle may have no value
+        where a leg does not reach.
     limiting
         (n,) index of this limit, -1 if the margin is not known.
     inputs
         (n, inputs) rad.
     type_1
-        (n,) measure of type I: the least angular speed of the output per unit rate of an
-        input, for any rates of the other inputs; the smallest of all inputs. It is 0 at a
-        singularity of type I, where an input moves while the output rests.
+        (n,) measure of type I. For each input there is a least angular speed of the output
+        while this input has the rate 1 and the others have any rates. The measure is the
+        smallest of these speeds. It is 0 at a singularity of type I, where an input moves
+        while the output rests.
     type_2
         (n,) measure of type II, from 0 to 1: how well the locked inputs hold the output. It
         is 0 at a singularity of type II, where the output can move although the inputs are
@@ -276,8 +277,8 @@ def _share_between_modes(
 ) -> Iterator[tuple[Signs, Workspace, Signs | None]]:
     """Yield the workspace of each mode, computed once for modes that have the same one.
 
-    Margins say by how much poses keep the limits. Modes with exactly equal margins at all
-    sampled poses are assumed to have the same workspace.
+    A pose has one margin for each limit, which is negative if the limit is violated. Modes
+    with exactly equal margins at all sampled poses are assumed to have the same workspace.
 
     Parameters
     ----------
@@ -343,7 +344,7 @@ def orientation_workspaces(
     samples = orientation_samples()  # only to compare modes
 
     def find_mode_orientations(margins: Margins) -> _SampledWorkspace[Orientations]:
-        """Return the orientations of a mode with evenly spread samples."""
+        """Return the reached orientations of a mode, and its margins at the samples."""
         orientations = find_orientations(margins, tolerance)
         return _SampledWorkspace(samples, margins(samples), orientations)
 

@@ -174,17 +174,21 @@ def _are_equal_up_to_sign(change: Floats, other_change: Floats) -> bool:
 
 
 def _list_turn_counts(circle_count: int) -> Integers | None:
-    """Return all combinations of whole turns of some wheels, in both senses.
+    """Return all combinations of whole turns along some circles, in both senses.
 
-    For one wheel, the numbers of turns are all integers from -k to k. Here k is
+    Wheels roll on each other along circles, two for each contact. The caller adds the turns
+    to the arc lengths along these circles. Each combination is an assembly of the wheels,
+    and the caller chooses the one in which they have rolled least.
+
+    For one circle, the numbers of turns are all integers from -k to k. Here k is
     `MAX_TRIED_TURNS`, or less if there would be more than `MAX_TURN_COMBINATIONS`
-    combinations. Example: for k = 1 and two wheels, there are 3 x 3 combinations, (-1, -1),
-    (-1, 0) and so on to (1, 1).
+    combinations. Example: for k = 1 and two circles, there are 3 x 3 combinations,
+    (-1, -1), (-1, 0) and so on to (1, 1).
 
     Parameters
     ----------
     circle_count
-        Number of wheels. Each wheel is represented by its circle.
+        Number of circles.
 
     Returns
     -------

@@ -87,11 +87,12 @@ class PebbleGame:
     def _fetch_pebble(self, body: int, visited: set[int]) -> bool:
         """Move one free pebble to a body, and return whether this is possible.
 
-        Pebbles count degrees of freedom. Each body has three, and each constraint takes a
-        pebble of one of its two bodies. It then points from this body to the other one, its
-        target. The constraint can take a free pebble of its target instead, so that the
-        pebble of the first body becomes free. If the target has no free pebble, one is
-        moved to the target in the same way first.
+        The caller tests by free pebbles whether a new constraint is independent. Each body
+        has three pebbles, one for each degree of freedom. Each constraint has taken a
+        pebble of one of its two bodies. The constraint points from this body to the other
+        one, its target. It can take a free pebble of its target instead. The pebble of the
+        first body then becomes free, and the constraint points in the opposite direction.
+        If the target has no free pebble, one is moved to the target in the same way first.
 
         Parameters
         ----------
@@ -101,8 +102,8 @@ class PebbleGame:
             Bodies that have been tried and are not tried again. The set is changed in
             place.
         """
-        # The constraints that lead from the body to the body that is examined: a path of
-        # bodies. A recursive function would be too deep for mechanisms of many links.
+        # The bodies from `body` to the one that is examined. A constraint leads from each
+        # to the next. A recursive function would be too deep for mechanisms of many links.
         path = [body]
         while path:
             targets = self.constraint_targets[path[-1]]
@@ -406,8 +407,8 @@ def play_on_bodies(
     is_independent
         Whether no constraint was redundant.
     """
-    # The game has a body for each link number. Those that are not the number of a body get
-    # no constraints.
+    # The game has as many bodies as there are links. A link index that is not the number of
+    # a body is a body without constraints, which does not affect the others.
     pebble_game = PebbleGame(len(body_of_link))
     is_independent = True
     for number in pairs:

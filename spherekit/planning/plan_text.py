@@ -124,9 +124,11 @@ def _step_as_dict(plan: Plan, step: Step) -> dict[str, Any]:
 
     A pole is the axis of the relative rotation of two bodies. A step finds one of these:
 
-    - a pole that is the axis or contact line of a pair (`PrimaryPole`),
+    - a pole that is the axis of a pair, or the line through the centre of the sphere and
+      the point of contact (`PrimaryPole`),
     - a pole at the intersection of two great circles (`LinePole`). A circle goes through
-      two known poles, or is in the contact plane of a sliding pair,
+      two known poles, or lies in the contact plane of a sliding pair. This plane contains
+      the centre of the sphere and the normal of the contact,
     - all poles of a part of the mechanism in which poles do not follow one by one: an
       irreducible part (`BlockPoles`).
 
@@ -143,7 +145,8 @@ def _step_as_dict(plan: Plan, step: Step) -> dict[str, Any]:
     names_of = plan.mechanism.names_of
     if isinstance(step, BlockPoles):
         # All poles of the part are computed together. If one of them, the opening pole,
-        # were known, others would follow one by one. For information, "passes" shows how.
+        # were known, others would follow one by one. "passes" has the steps that would find
+        # these others. They only inform the reader.
         opening = None if step.opening is None else _pole_as_names(plan, step.opening)
         return {
             "pass": step.pass_number,

@@ -28,10 +28,11 @@ Pole = tuple[int, int]
 
 @dataclass(frozen=True)
 class PrimaryPole:
-    """A pole that is the axis or the contact line of a pair.
+    """A step of a plan: a pole that a single pair gives, without other poles.
 
-    A pole is the axis of the relative rotation of two bodies. The contact line of a rolling
-    contact is the line through the centre of the sphere and the point of contact.
+    A pole is the axis of the relative rotation of two bodies. If an R pair joins the two
+    bodies, the pole is its axis. If a rolling contact joins them, the pole is the contact
+    line: the line through the centre of the sphere and the point of contact.
 
     Several R pairs can have one common axis. This axis is the pole of any two of the bodies
     that these pairs join, even if no pair joins these two directly.
@@ -41,10 +42,11 @@ class PrimaryPole:
     pole
         The two bodies.
     pair
-        Index of the pair, or of an R pair on the common axis.
+        Index of the pair that joins the two bodies. If none does, index of an R pair on
+        their common axis.
     pass_number
-        0 if the pair joins the two bodies. Otherwise the pole is found later, in the pass
-        (round of the search for poles) of this number.
+        0 if the pair joins the two bodies. A pole on a common axis has the number of the
+        pass (round of the search for poles, from 1) that finds it.
     """
 
     pole: Pole
@@ -53,12 +55,11 @@ class PrimaryPole:
 
     @property
     def case(self) -> str:
-        """The word for the kind of this step in exported plans.
+        """The word by which exported plans say how the pole is found.
 
-        The word is ``primary`` if a pair (joint) joins the two bodies: the pole is its
-        axis. The word is ``coaxial`` if several pairs in series join them and have one
-        common axis. Such a pole is found in a later pass (round), so its pass number is not
-        0.
+        The word is ``primary`` if a pair joins the two bodies: the pole is its axis or
+        contact line. The word is ``coaxial`` if several R pairs with one common axis join
+        the two bodies in series. A coaxial pole has a pass number other than 0.
         """
         return "coaxial" if self.pass_number else "primary"
 

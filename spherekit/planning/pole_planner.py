@@ -156,8 +156,10 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
 
     A pole P_ij is the axis of the relative rotation of two bodies. The pole is the
     intersection of two lines: great circles through P_ik and P_jk for third bodies k, or
-    contact planes of sliding pairs. A step can have more than two lines. The two that need
-    the fewest other poles are chosen, and all poles that they need stay in the plan.
+    great circles in contact planes of sliding pairs. A contact plane contains the centre of
+    the sphere and the normal of the contact. A step can have more than two lines. The two
+    that need the fewest other poles are chosen, and all poles that they need stay in the
+    plan.
 
     Further lines of a step stay if all their poles are in the new plan anyway. In each
     configuration, the two lines with the best-conditioned intersection can then be used.
@@ -205,8 +207,9 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
     - A primary pole is known without any other pole. Such a pole is the axis of a pair, or
       the line through the centre of the sphere and the point of a rolling contact.
     - A line pole is the intersection of two great circles, each through P_ik and P_jk for a
-      third body k. The two circles that need the fewest other poles are chosen. (The
-      contact plane of a sliding pair can take the place of a circle, and needs no pole.)
+      third body k. The two circles that need the fewest other poles are chosen. A
+      circle in the contact plane of a sliding pair can take the place of one of them, and
+      needs no pole. This plane contains the normal of the contact.
     - The poles of a block (an irreducible part of the mechanism) are computed together,
       from the primary poles of its pairs.
 
@@ -314,7 +317,8 @@ def _prune_lines(step: LinePole, needed_poles: set[Pole]) -> LinePole:
 
     A pole P_ij is the axis of the relative rotation of the bodies i and j. The step finds
     it at the intersection of great circles through P_ik and P_jk for third bodies k. The
-    step may also use contact planes, which need no poles and stay.
+    step may also use contact planes of sliding pairs (planes through the centre of the
+    sphere and the normal of the contact). They need no poles and stay.
     """
     i, j = step.pole
     via = [

@@ -84,8 +84,9 @@ def find_all_steps(empty_plan: Plan, pebble_game: PebbleGame | None) -> list[Ste
     A pole is the axis of the relative rotation of two bodies. First come the primary poles:
     the axes of pairs, and the lines from the centre of the sphere to the points of rolling
     contacts. Each pass (round) then adds the poles that lie on two known lines: great
-    circles through two known poles, and contact planes of sliding pairs. If a pass finds no
-    pole, a part of the mechanism is solved from its velocity equations.
+    circles through two known poles, and great circles in contact planes of sliding pairs.
+    A contact plane contains the centre of the sphere and the normal of the contact. If a
+    pass finds no pole, a part of the mechanism is solved from its velocity equations.
 
     Parameters
     ----------
@@ -179,7 +180,7 @@ def _find_line_poles(
     empty_plan
         The mechanism with its bodies and the moving input, as a plan without steps.
     contacts_by_pole
-        Indices of the sliding pairs that join the bodies of a pole.
+        For each pole, the indices of the sliding pairs that join its two bodies.
     known_poles
         The poles of earlier passes (rounds of the search).
     poles
@@ -222,11 +223,11 @@ def group_by_circle(
     pole
         The pole P_ij that lies on the great circles.
     coaxial
-        For each common axis its bodies and an R pair (`Plan.coaxial`).
+        For each common axis, the bodies that turn about it and an R pair (hinge) about it.
 
     Returns
     -------
-    For each different great circle the third bodies that give it, rising.
+    For each different great circle, the third bodies that give it, in rising order.
     """
     # Couples of third bodies with the same circle, by their positions in `bodies`.
     bodies = sorted(third_bodies)
@@ -330,7 +331,7 @@ def _choose_opening(
     empty_plan
         The mechanism with its bodies and the moving input, as a plan without steps.
     contacts_by_pole
-        Indices of the sliding pairs that join the bodies of a pole.
+        For each pole, the indices of the sliding pairs that join its two bodies.
     known_poles
         The poles that are known before the block is solved.
     block
@@ -387,7 +388,7 @@ def _open_block(
     empty_plan
         The mechanism with its bodies and the moving input, as a plan without steps.
     contacts_by_pole
-        Indices of the sliding pairs that join the bodies of a pole.
+        For each pole, the indices of the sliding pairs that join its two bodies.
     known_poles
         The poles that are known before the block is solved. They are not changed.
     block

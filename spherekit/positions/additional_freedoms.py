@@ -44,7 +44,8 @@ def has_additional_freedoms(closure: Closure, values: Floats) -> bool:
     the configurations form a surface, or two curves of configurations cross. The mechanism
     is therefore moved by small finite steps in several directions that these equations
     allow, and its loops are closed again. On a surface this succeeds after every step. At a
-    crossing it fails after a step in a direction between the curves.
+    crossing it fails after a step in a direction between the curves. The caller only counts
+    configurations on a surface, because no single curve passes through them.
 
     Parameters
     ----------
@@ -62,7 +63,8 @@ def has_additional_freedoms(closure: Closure, values: Floats) -> bool:
     if len(motions) < 2:
         return False
     starts = values + TRIED_STEP_RAD * _choose_directions(motions)
-    # On a surface, the closure Jacobian has the same rank everywhere.
+    # All over a surface, the closure Jacobian has the same rank as here. Newton's method
+    # uses this rank.
     rank = len(values) - len(motions)
     points = _close_loops(closure, starts, rank)
     is_closed = closure.linearise(points).closure_residual < CLOSURE_TOLERANCE

@@ -415,8 +415,8 @@ class AngleUnwrapping:
         Parameters
         ----------
         key
-            Number under which `count` stores the curve that it follows for this mode, to
-            use it again in later calls. Each followed curve has its own number.
+            Number under which `count` stores the configurations of this mode, which it
+            follows once over a range of the input. Later calls use them again.
         mode
             The assembly mode (way to assemble the links).
         q
@@ -635,8 +635,9 @@ class AngleUnwrapping:
     def _follow_to(self, values: Floats, targets: Floats) -> RevolutionSteps:
         """Follow configurations to the inputs of other ones, and compare the angles.
 
-        The angles of the targets are known up to whole revolutions. Following shows how
-        many revolutions they have gained.
+        The angles of the targets are known up to whole revolutions. The followed angles
+        change continuously along the path. So both differ by whole revolutions, which the
+        caller uses to make the angles of different configurations continuous.
 
         Parameters
         ----------

@@ -116,8 +116,9 @@ class GroupGeometry:
 
         To have fewer unknowns, t links with two pairs each are removed from the group,
         until the other bodies form a tree. The unknowns are the angles of the pairs of this
-        tree. Each removed link gives an equation: in the tree, the axes of its two pairs
-        must be at the fixed arc of the link. There are as many unknowns as equations.
+        tree. Each removed link gives an equation: the angle between the axes of its two
+        pairs must equal the arc (size) of the link. There are as many unknowns as
+        equations.
 
         Parameters
         ----------
@@ -202,7 +203,10 @@ class GroupGeometry:
         return transpose(orientations[:, :, :1]) @ orientations
 
     def measure_pair_angles(self, orientations: Floats) -> Floats:
-        """Return the angles of all pairs at orientations of the bodies at the first sample.
+        """Return the angles of all pairs in configurations at the first sample.
+
+        A sample is one choice of the inputs. The caller has only one sample, for which it
+        has found several solutions.
 
         A pair has a frame in each of its two bodies. The z axes of both frames are the axis
         of the pair. The angle of the pair is the rotation about z from the x axis of the
@@ -266,15 +270,16 @@ class GroupGeometry:
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Return the axes of both pairs of a binary link, in the link and its neighbours.
 
-        A binary link is a body with two R pairs. The axis of a pair is the z axis of its
-        frame.
+        A binary link is a body with two R pairs, each of which joins it to a neighbour. The
+        axis of a pair is the z axis of its frame. From the axes the callers compute the arc
+        of the link, or place the link on the axes of its neighbours.
 
         Returns
         -------
         axes_in_link
             Two unit axes, (samples, 3) each, in the axes of the binary link.
         axes_in_neighbours
-            The same two axes, each in the axes of the neighbour to which its pair leads.
+            The same two axes, each in the axes of the neighbour that its pair joins.
         """
         axes_in_link = []
         axes_in_neighbours = []

@@ -142,8 +142,8 @@ class ModeEnumeration(NamedTuple):
         The mechanism in each mode.
     methods
         For each group the method that found the ways to close it: closed form, elimination
-        or random search. None for a group that was never solved, because the groups before
-        it do not close.
+        or random search. None for a group that was never solved: no way was found to close
+        all groups before it.
     """
 
     placements: list[ModePlacement]
@@ -176,16 +176,21 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
 def _find_phases_of_common_search(solver: PositionSolver) -> GearPhases | None:
     """Return how far wheels have rolled, if all groups have to be searched together.
 
-    A wheel looks the same after each revolution, so a search of a single group cannot tell
-    how far the wheel has rolled. If the inputs determine all rolled lengths, these are
-    prescribed in a search of the whole mechanism.
+    Usually a mechanism is placed group by group (sets of links that are placed together). A
+    group with contacts needs a search, except a train of wheels, which gear ratios place. A
+    wheel looks the same after each revolution, so a search of a single group cannot tell
+    how far the wheel has rolled.
+
+    The rolled length of a contact is the arc length by which its two wheels have rolled on
+    each other. If the inputs determine the rolled lengths of all contacts, the caller
+    prescribes them in a search of the whole mechanism.
 
     Returns
     -------
     The rolled lengths as functions of the inputs. None if the mechanism is placed group by
     group.
     """
-    # A group that is not `revolute` has contacts. Gear ratios place a train of wheels.
+    # A group that is not `revolute` has contacts.
     has_general_contacts = any(
         not group.revolute and position not in solver.wheel_trains
         for position, group in enumerate(solver.assembly.groups)
@@ -492,12 +497,13 @@ def _group_velocity_matrices(
 ) -> Floats:
     """Return the matrices of the velocity equations of a group at n configurations.
 
-    The matrices have the shape (n, 3 * loops, variables). The sign of their determinant
-    tells the ways to place the group apart.
-
     A group is a set of links that are placed together. The relative angular velocities in
     the pairs around each loop add up to zero, which gives 3 equations per loop. The
     unknowns are the rates of the pair variables of the group.
+
+    The matrices have the shape (n, 3 * loops, variables). They are square unless
+    constraints are redundant. There are several ways to place the group. The caller
+    distinguishes these ways by the sign of the determinant.
     """
     variables: list[int] = []
     for pair in group.pairs:

@@ -197,7 +197,11 @@ class Chords:
     def _find_near_chords(
         self, values: Floats, periods: Floats
     ) -> tuple[Indices, Indices, Floats]:
-        """Return the pairs of a configuration and a chord near it.
+        """Return the pairs of a configuration and a chord of the curve that is near it.
+
+        A chord is the straight line between two successive nodes (computed points) of the
+        curve, in the space of the variables. `project` computes from these pairs where the
+        configurations are along the chords.
 
         Parameters
         ----------
@@ -210,7 +214,7 @@ class Chords:
         Returns
         -------
         configurations, chords
-            (m,) indices of both.
+            (m,) index of the configuration and of the chord of each pair.
         offsets
             (m, variables) configurations minus starts of the chords (rad), less whole
             periods.
@@ -536,19 +540,21 @@ class ArcCurve(Chords):
         return np.isin(np.arange(len(values)), hits.configurations)
 
     def _find_on_curve(self, values: Floats) -> ChordProjections:
-        """Find the configurations (n, variables) that are on the curve, and their places.
+        """Return the projections, on chords, of the configurations that are on the curve.
 
         A chord is the straight line between two successive nodes (stored points) of the
-        curve. The result has the projections of configurations on chords. A configuration
-        at a node can have a projection on each of the two chords that meet there.
+        curve. Callers learn from the projections which of the configurations
+        (n, variables) are on the curve, and find their arc lengths. A configuration at a
+        node can have a projection on each of the two chords that meet there.
         """
         # A variable can grow by a period without a change of the configuration: an angle by
-        # a revolution, an arc length by the circumference of its profile. Whole periods are
-        # left out of the offsets of configurations from the start of their chord.
+        # a revolution, an arc length by the circumference of its profile. `project`
+        # subtracts whole periods from the offsets, which lead from the start of a chord to
+        # a configuration.
         projections = self.project(values, self.periods)
-        # A configuration is on the curve if it is the point of the curve with the same
-        # projection. Configuration and point are compared by their offsets from the start
-        # of the chord.
+        # For each projection, the point of the curve with the same position on the chord. A
+        # configuration is on the curve if it is equal to this point. Both are compared by
+        # their offsets from the start of the chord.
         curve_points = self._evaluate_on_chords(
             projections.chords, projections.distances_along
         )

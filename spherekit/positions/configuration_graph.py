@@ -194,7 +194,8 @@ class NodePieces:
         """Unite the pieces of two nodes, unless these pieces share a sample.
 
         A node is one configuration at one sample of the inputs. A piece is a set of joined
-        nodes with at most one node per sample, as in an assembly mode.
+        nodes with at most one node per sample. Assembly modes are later made of pieces, and
+        a mode may have only one configuration per sample.
         """
         larger = int(self.piece_of_node[first_node])
         smaller = int(self.piece_of_node[second_node])
@@ -269,13 +270,17 @@ class ConfigurationGraph:
         self.values = np.empty((0, variables))
         # (n,) whether all configurations of a sample are nodes. The caller sets it.
         self.is_complete = np.zeros(len(input_grid), dtype=bool)
-        # Indices of the variables of the inputs, and of those that are angles of R pairs.
-        # Only angles are compared; the others are arc lengths along profiles at contacts.
+        # Indices of the variables of the inputs.
         self._driven = list(solver.driven)
+        # Indices of the variables that are angles of R pairs. Configurations at a sample
+        # are equal if these angles are equal. The other variables, which are arc lengths
+        # along profiles at contacts, are not compared.
         self._angles = solver.angles
-        # (k,) sign of the determinant of the closure Jacobian without the inputs, and
-        # whether this matrix is so far from singular that rounding cannot change the sign.
+        # (k,) sign of the determinant of the closure Jacobian with locked inputs (without
+        # their columns). It helps to tell assembly modes apart.
         self._determinant_sign = np.empty(0)
+        # (k,) whether this matrix is so far from singular that rounding cannot change the
+        # sign.
         self._is_regular = np.empty(0, dtype=bool)
         # The samples of all nodes, and the nodes of all samples.
         self._node_table = NodeTable(len(input_grid))
@@ -714,10 +719,14 @@ class ConfigurationGraph:
         """Return the nodes from which paths in a direction are followed next.
 
         A node is a configuration at a sample of the inputs. A piece is a set of joined
-        nodes. A single path is enough to join two pieces, so only a few paths are selected
-        from each piece to each block of samples. The samples of a block have the same
-        indices along axis 0 to the axis of the path. In a grid of two inputs, for example,
-        each row of samples is a block for paths along axis 0.
+        nodes. One path is often enough to join two pieces, so only a few paths are selected
+        from each piece.
+
+        The number is limited for each block of samples to which the paths lead, so that
+        they are spread over the grid. Samples belong to one block if they differ only in
+        inputs whose axes come after the axis of the path. In a grid of two inputs, for
+        example, a block for paths along axis 0 is a row of samples with one value of the
+        first input.
 
         Parameters
         ----------
@@ -804,8 +813,8 @@ class ConfigurationGraph:
         Returns
         -------
         starts, ends
-            (p,) the nodes at the start and at the end of each path. Paths with a step that
-            failed its tests are left out.
+            (p,) the nodes at the start and at the end of each path. A path is left out if
+            one of its steps failed the tests of `_follow_paths`.
         """
         starts_of_chunks = [np.empty(0, dtype=np.intp)]
         ends_of_chunks = [np.empty(0, dtype=np.intp)]

@@ -625,8 +625,10 @@ class _CurveSearch:
     def follow_curves_from_crossings(self) -> None:
         """Follow the curves that leave the crossings at which known curves end.
 
-        Curves on which the input is constant can be reached only from crossings. Each
-        crossing is searched only once.
+        A crossing is a configuration at which several curves meet. From there, curves are
+        found that other searches can miss. For example, a search at a certain input misses
+        a curve on which the input has another, constant value. Each crossing is searched
+        only once.
         """
         searched_ends: list[Floats] = []
         # New curves are appended to `curves` during this loop, so their ends are searched.
@@ -647,32 +649,36 @@ class _CurveSearch:
     def search_between_turning_points(
         self, drive: PositionSolver, turning_points: InputTurningPoints
     ) -> Completeness:
-        """Follow the curves of all modes between the inputs at which modes meet.
+        """Follow the curves of all modes between the angles of a pair at which modes meet.
 
-        An assembly mode ends where it meets another one, at a turning point of the input.
-        Between two turning points the number of modes is constant. All modes are therefore
-        computed at one input between them, and the curve through each is followed. Where
-        turning points may have been missed, modes are computed at several inputs,
-        `PROBE_STEP_RAD` apart.
+        The curves of configurations are the same whichever pair is driven. The caller
+        therefore chooses a pair for which the search is fast: the input or another one. An
+        assembly mode is one way to assemble the links at an angle of the driven pair.
+
+        A mode ends where it meets another one, at a turning point of this angle. Between
+        two turning points the number of modes is constant. All modes are therefore computed
+        at one angle between them, and the curve through each is followed. Where turning
+        points may have been missed, modes are computed at several angles, `PROBE_STEP_RAD`
+        apart.
 
         Parameters
         ----------
         drive
-            The same mechanism, with the input or another pair as the driven pair.
+            A solver of the same mechanism that drives the chosen pair.
         turning_points
-            The inputs of this pair at which its modes meet.
+            The angles of the driven pair at which modes meet.
 
         Returns
         -------
         How complete the curves are. Nothing is guaranteed if no elimination computes all
-        modes at an input.
+        modes at an angle of the driven pair.
         """
         incomplete = Completeness(
             Guarantee.SAMPLED, "no elimination finds all modes at an input"
         )
         if not can_find_all_modes(drive):
             return incomplete
-        # `probes` returns the inputs at which modes are computed: one between two turning
+        # `probes` returns the angles at which modes are computed: one between two turning
         # points, or several where turning points may be missing.
         for q in turning_points.probes(PROBE_STEP_RAD):
             configurations = enumerate_assemblies(drive, np.array([q]))
@@ -683,7 +689,7 @@ class _CurveSearch:
             if drive is self.solver:
                 self.mode_counts.append((q, len(configurations.values)))
             self.add_curves(configurations.values)
-        # How complete the modes at these inputs are, and so the curves through them.
+        # How complete the modes at these angles are, and so the curves through them.
         return turning_points.claim(PROBE_STEP_RAD)
 
     def search_from_random_starts(self) -> Completeness:
@@ -730,10 +736,10 @@ class _CurveSearch:
         """Check the curves by comparing numbers of pieces with numbers of assembly modes.
 
         A piece is a part of a curve on which the input only rises or only falls, so it is
-        one mode. At the inputs of `mode_counts`, all modes were computed without the
-        curves. If there are fewer pieces than modes, a curve is missing. If the curves
-        should be complete, more pieces than modes are an error. A sentence about each error
-        is added to `problems`.
+        one mode. `mode_counts` has some inputs, and the number of modes that were computed
+        there without the curves. If fewer pieces than modes contain this input, a curve is
+        missing. If the curves should be complete, more pieces than modes are an error. A
+        sentence about each error is added to `problems`.
 
         Parameters
         ----------
@@ -781,7 +787,8 @@ class _CurveSearch:
     def _is_near_meeting(self, q: float, piece_ends: Floats) -> bool:
         """Return whether the number of modes at an input may depend on rounding.
 
-        Modes meet at the end of a piece (part of a curve), where the input reverses, and
+        At such an input the caller does not compare the numbers of modes and pieces. Modes
+        meet at the end of a piece (part of a curve), where the input reverses, and
         where curves cross.
 
         Parameters

@@ -167,8 +167,8 @@ class CurveContinuation(ABC, Generic[Node]):
     ) -> Bools:
         """Return a mask (k,) of the verified steps that are taken (abstract method).
 
-        A verified step has passed the tests that it leads to the same curve. A subclass
-        does not take steps beyond its limits, such as the end of the profile of a contact.
+        A verified step has passed the tests that its end is still on the same curve. A
+        subclass takes no steps beyond its limits, such as the end of a contact profile.
         A subclass may also end curves that reach a limit, by setting their status in
         `end_status`.
 

@@ -198,7 +198,9 @@ def follow_arc(
 
 
 def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCurve | None]:
-    """Return the configuration curves through several configurations, side by side.
+    """Return the configuration curves through several configurations.
+
+    All curves are followed at the same time, in common arrays.
 
     Curves end at limits: at the ends of open profiles, and where two profiles in contact
     have equal curvatures, so that the contact does not determine how they move.

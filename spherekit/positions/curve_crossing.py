@@ -115,11 +115,13 @@ class Crossing(NamedTuple):
 def find_crossing(closure: Closure, values: Floats) -> Crossing | None:
     """Return the crossing near a configuration (variables,), None if there is none.
 
-    At a crossing, several curves of configurations meet. The closure Jacobian (derivatives
-    of the loop equations by the pair variables) has a lower rank there. The loops therefore
-    allow several independent motions. The largest possible number of motions is tried
-    first.
+    Callers have a configuration near a supposed crossing, for example the last one before a
+    curve ends. At a crossing, several curves of configurations meet. The closure Jacobian
+    (derivatives of the loop equations by the pair variables) has a lower rank there. The
+    loops therefore allow several independent motions. The largest possible number of
+    motions is tried first.
     """
+    # Singular values that are small near the crossing can be zero at it, and do not count.
     _, singular_values, _ = np.linalg.svd(closure.linearise(values[None]).jacobian[0])
     rank = int(np.sum(singular_values > MAX_NULL_RATIO * singular_values[0]))
     # Two motions are tried in any case: the rank near a crossing may still be full.
@@ -153,8 +155,9 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
     _, singular_values, right_vectors = np.linalg.svd(
         closure.linearise(values[None]).jacobian[0]
     )
-    # Singular values below `MOTION_RATIO` times the largest one count as zero. The scale
-    # has a least value, so that a Jacobian with only tiny singular values counts as zero.
+    # Singular values below `MOTION_RATIO` times the scale count as zero. The scale is the
+    # largest singular value, but at least `MOTION_RATIO`. So a Jacobian with only tiny
+    # singular values counts as zero.
     scale = max(singular_values[0], MOTION_RATIO)
     rank = int(np.sum(singular_values >= MOTION_RATIO * scale))
     # Motions that keep the loops closed to first order. The curves are searched on a small
@@ -179,9 +182,11 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
     points, _ = newton(
         step_to_sphere, points, MAX_CROSSING_STEPS, longest_step=0.5 * RADIUS_RAD
     )
+    # Keep the points at which the loops are closed and the distance is right.
     distances = np.linalg.norm(points - values, axis=1)
     is_solution = closure.linearise(points).closure_residual < CLOSURE_TOLERANCE
     is_solution &= np.abs(distances - RADIUS_RAD) < SAME_POINT_RATIO * RADIUS_RAD
+    # Several start points can lead to the same point, which is kept once.
     distinct: list[Floats] = []
     for point in points[is_solution]:
         if all(
@@ -293,8 +298,9 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     # motion, and one row of the linearisation, for each variable.
     count = len(values)
     linearisation = closure.linearise(np.tile(values, (count, 1)))
-    # J consists of the velocity vectors of the variables (for an R pair, its axis). The
-    # rate of a vector follows from the angular velocities of both bodies of its pair.
+    # Each column of J consists of the velocity vector of one variable: the relative angular
+    # velocity in its pair per unit rate. For an R pair this vector is the axis. The rate of
+    # the vector follows from the angular velocities of both bodies of the pair.
     #
     # Bodies are placed along a tree of pairs, and `body_rates` gives the angular velocities
     # of these bodies. A pair outside the tree closes each loop. While a loop opens, there
@@ -304,24 +310,29 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     first_rates = linearisation.body_rates(np.eye(count))[:, closure.tree.first_bodies]
     second_rates = _rates_of_second_bodies(linearisation, first_rates)
     vector_rates = linearisation.vector_rates_of_pairs(first_rates, second_rates)
-    # The elements of J are these vectors with constant signs, so their rates are the rates
-    # of J.
+    # J has the velocity vectors as entries, with the constant factors 1, -1 or 0. So the
+    # same function of the rates of these vectors gives the rates of J.
     return closure.tree.jacobian(vector_rates)
 
 
 def _rates_of_second_bodies(linearisation: Linearisation, first_rates: Floats) -> Floats:
-    """Return angular velocities of the second bodies of all pairs, with opened loops.
+    """Return the angular velocities of the second bodies of all pairs in n motions.
 
-    In row k, variable k has the rate 1 and all others are at rest, so the loops open. The
+    There is one motion for each of the n variables. In motion k, variable k has the rate 1
+    and all others are at rest. In general this motion opens the loops of the variable. The
     second body of its pair rotates relative to the first body. The two bodies of every
-    other pair rotate alike.
+    other pair have the same angular velocity.
+
+    The caller needs the angular velocities of both bodies of each pair. They determine how
+    the velocity vectors in the closure Jacobian change.
 
     Parameters
     ----------
     linearisation
         One configuration, repeated in as many rows as there are variables.
     first_rates
-        (variables, pairs, 3) angular velocities of the first body of each pair.
+        (variables, pairs, 3) for each motion the angular velocities of the first body of
+        each pair. They follow from the tree of pairs along which bodies are placed.
 
     Returns
     -------
@@ -369,9 +380,10 @@ def _find_directions(forms: Floats) -> Floats | None:
 def _find_independent_forms(forms: Floats) -> Floats:
     """Return independent quadratic forms that vanish at the same vectors as all given ones.
 
-    A form is y . B y with a symmetric matrix B. If B is a combination of other matrices,
-    its form vanishes wherever the others do, and is superfluous. A basis of all matrices is
-    returned.
+    A form is y . B y with a symmetric matrix B. If B is a linear combination of other
+    matrices, its form vanishes wherever the others do, and is superfluous. So a basis of
+    the space of all given matrices is enough. From the number of independent forms the
+    caller sees whether they determine finitely many vectors.
 
     Parameters
     ----------
@@ -457,15 +469,19 @@ def _find_common_zeros(forms: Floats) -> Floats | None:
 def _search_zeros(forms: Floats, y: Floats) -> _ZeroSearch:
     """Search common zeros of quadratic forms y . B y on the unit sphere by Newton's method.
 
-    A step dy solves 2 (B y) . dy = -y . B y for each form, and y . dy = 0, which keeps the
-    length of y.
+    At a crossing of configuration curves, k independent motions are possible to first
+    order. The unit vectors y (k,) at which all forms are zero are the directions of the
+    curves.
+
+    A step dy of Newton's method solves 2 (B y) . dy = -y . B y for each form. It also
+    solves y . dy = 0, which keeps the length of y to first order.
 
     Parameters
     ----------
     forms
-        (k - 1, k, k) the symmetric matrices B.
+        (k - 1, k, k) the symmetric matrices B, one for each form.
     y
-        (n, k) unit vectors at which the search starts.
+        (n, k) unit vectors from which n searches start.
     """
     for _ in range(MAX_CROSSING_STEPS):
         # The vectors B y: axes start (n), form (f), component (i).

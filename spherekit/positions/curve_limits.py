@@ -182,13 +182,16 @@ class CurveLimits:
 
         The first profile must have a larger curvature than the second, by more than
         `EQUAL_CURVATURE`. With equal curvatures the motion of the links does not determine
-        that of the point of contact. Beyond this limit the profiles overlap.
+        that of the point of contact, so a curve of configurations ends there. Beyond this
+        limit the profiles overlap.
 
         Parameters
         ----------
         curvatures, curvature_rates
-            (n, pairs, 2) curvatures of both profiles of each pair, and their derivatives
-            with respect to the arc length.
+            (n, pairs, 2) geodesic curvatures of both profiles of each pair, and their
+            derivatives with respect to the arc length. Both curvatures refer to the same
+            tangent and normal at the contact point. They are positive for a curve that
+            turns left.
         variable_count
             Number of variables of the mechanism.
         """

@@ -147,8 +147,9 @@ def bordered_reciprocal_condition(equations: Floats, inverse: Floats) -> Floats:
     """Return the reciprocal condition numbers (n,) of bordered Jacobians.
 
     A bordered Jacobian has the derivatives of the loop equations at a point of a curve, and
-    the tangent of the curve as a further row. The numbers are computed in the Frobenius
-    norm, and are 0 for singular matrices.
+    the tangent of the curve as a further row. Callers divide by the numbers to estimate the
+    effect of rounding errors, or stop a curve where the numbers are small. The numbers are
+    computed in the Frobenius norm, and are 0 for singular matrices.
 
     Parameters
     ----------

@@ -42,15 +42,17 @@ where Z is a rotation about z by the pair variable.
 def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
     """Return the frames of all pairs of a mechanism of R pairs, in quad precision.
 
-    The frames are computed from the decimal numbers of the mechanism file, such as 64.02
-    degrees. Float64 numbers would have errors of 1e-16.
+    The caller places the links with these frames. Near a dead centre, float64 angles would
+    lose half of their digits. The frames are computed from the decimal numbers of the
+    mechanism file, such as 64.02 degrees. Float64 numbers would have errors of 1e-16.
 
     Returns
     -------
     The frames (3, 3) of each pair in its first and in its second link, by the index of the
     pair. The columns of a frame are axes in link axes; the last one is the pair axis.
     """
-    # Loads and user data can be Python objects that a file cannot have.
+    # Loads and user data are left out: they can be Python objects, which cannot be written
+    # to a file.
     written = replace(mechanism, loads=(), user={})
     document = parse(canonical_text(written, "deg"), mechanism.name)
     geometry = mechanism.geometry

@@ -114,10 +114,11 @@ def has_elimination(group: Group) -> bool:
 
 @lru_cache
 def find_binary_links(group: Group) -> tuple[BinaryLink, ...]:
-    """Return the binary links of a group of links, by rising position of the body.
+    """Return the binary links of a group of links, in the order of `group.bodies`.
 
-    A binary link is a body with two pairs that join it to two different bodies. Such links
-    can be removed when the group is solved by elimination.
+    A binary link is a body with two pairs that join it to two different bodies. When a
+    group is solved by elimination, some binary links are removed. Each gives an equation:
+    the arc between its two axes is fixed.
     """
     binary_links = []
     for body in range(len(group.bodies)):
@@ -138,7 +139,8 @@ def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
     A group is a set of bodies and pairs that is rigid when the inputs are locked (an Assur
     group). One link with two pairs is removed for each loop of the group, which leaves a
     tree. Each removed link gives one equation in the angles of the tree. All angles but the
-    first are eliminated from these equations.
+    first are eliminated from these equations. This leaves one equation in the first angle,
+    whose roots give the configurations of the group.
 
     An elimination order states which links are removed, and the sequences of the angles and
     of the equations. At most `MAX_ORDERS` are returned; none if the group cannot be solved
@@ -184,11 +186,14 @@ def _list_orders(
 ) -> Iterator[EliminationOrder]:
     """List the sequences of angles and equations for one choice of removed links.
 
-    The removed links have two pairs each. Each gives an equation between the angles of the
-    pairs of the other bodies, which form a tree. There are as many equations as angles. The
-    angles are eliminated one by one, from the last to the second, until one equation for
-    the first angle remains. The first step combines the last two equations into one without
-    the last angle.
+    The number of complex solutions depends on the sequences. The caller keeps those with
+    the fewest solutions.
+
+    The removed links have two pairs each. The other bodies form a tree of pairs, and the
+    angles of these pairs are the unknowns. Each removed link gives one equation between
+    these angles. There are as many equations as angles. The angles are eliminated one by
+    one, from the last to the second, until one equation for the first angle remains. In the
+    first step, the last two equations become one equation without the last angle.
 
     Parameters
     ----------
@@ -199,7 +204,7 @@ def _list_orders(
     removed_links
         The links that give the equations.
     """
-    # The orientations of all bodies are relative to the first one that remains.
+    # Other bodies of the tree are placed from the base body, the first one that remains.
     removed_bodies = {link.body for link in removed_links}
     base_body = min({*range(len(group.bodies))} - removed_bodies)
     path_by_link = {

@@ -60,14 +60,17 @@ def bound_by_kantorovich(
     Parameters
     ----------
     residual_bound
-        (n,) bounds (rad) of each component of the residuals of the loops.
+        (n,) for each of n configurations a bound (rad) of every component of the residuals.
+        Each loop has three components.
     sensitivity
-        (n,) Frobenius norm of the inverse of J: the largest change of the pair variables
-        per unit change of the residuals.
+        (n,) Frobenius norm of the inverse of J. To first order, it bounds the change of the
+        pair variables per unit change of the residuals.
     curvature
-        (n,) bounds (1/rad) of the change of J in each loop, per radian of all variables.
+        (n,) bounds (1/rad) of how fast J changes. If the vector of all variables changes by
+        the length d (rad), the three rows of J that belong to one loop change by at most
+        `curvature` times d.
     loop_count
-        Number of loops. Each has three residuals.
+        Number of loops.
 
     Returns
     -------
@@ -78,8 +81,9 @@ def bound_by_kantorovich(
     Ciarlet, Mardare: On the Newton-Kantorovich theorem. Analysis and Applications 10, 2012.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        # All norms are Euclidean. The residuals of all loops have at most the norm sqrt(3
-        # loop_count) residual_bound. J changes by at most sqrt(loop_count) curvature.
+        # The theorem needs the vector of all residuals and the whole J. The norm of the
+        # residuals is at most sqrt(3 loop_count) residual_bound. J changes by at most
+        # sqrt(loop_count) curvature, per unit length of the change of the variables.
         first_step = sensitivity * np.sqrt(3.0 * loop_count) * residual_bound
         jacobian_change = np.sqrt(loop_count) * curvature
         kantorovich_number = jacobian_change * sensitivity * first_step
@@ -94,18 +98,24 @@ def bound_by_kantorovich(
 def curvature_bound(linearisation: Linearisation) -> Floats:
     """Return bounds (n,) of the change of the closure Jacobian J per radian of motion.
 
-    J has the velocity vectors of the variables as columns, for R pairs the axes. If
-    variable j moves, the vector of variable i changes by the vector product of both
-    vectors. Let the m variables of a loop move by x. By Cauchy's inequality, J y then
-    changes by at most m p |x| |y|, where p is the largest length of these products. The
-    vector of a contact also changes with its own variable, by at most c per radian. The
-    result is m p + c for the longest loop.
+    The caller needs the bounds for the Newton-Kantorovich theorem, which bounds the errors
+    of n configurations.
+
+    The columns of J are the velocity vectors of the variables. For an R pair the vector is
+    its axis. If variable j moves, the vector of variable i changes by the vector product of
+    both vectors. Let p be the largest length of all these products. If the m variables of a
+    loop move by x, J y changes by at most m p |x| |y| (Cauchy's inequality). The vector of
+    a contact also changes with its own variable, by at most c per radian. The result is
+    m p + c for the longest loop.
     """
     vectors = linearisation.vectors
     loop_length = linearisation.tree.longest_loop
     if all(joint.has_axis for joint in linearisation.joints):
+        # The vector product of two axes has the sine of their angle as its length. This
+        # sine is at most the sum of the sines of the angles from both axes to the first
+        # axis. So twice the largest of these sines bounds all products. The largest squared
+        # length of the axes bounds them, too.
         apart = np.max(np.linalg.norm(cross(vectors[:, :1], vectors), axis=2), axis=1)
-        # Nearly parallel axes hardly turn each other.
         turn = np.minimum(2.0 * apart, np.max(np.sum(vectors**2, axis=2), axis=1))
         return loop_length * turn
     # The vectors of contacts can be very long, so all products are computed.
@@ -144,23 +154,25 @@ def rounding_of_loops(linearisation: Linearisation) -> float:
 
 @dataclass(frozen=True)
 class FoldPlacement:
-    """Improved configurations near folds, with bounds of their errors, at n inputs.
+    """n configurations near folds after an improvement, with bounds of their errors.
 
-    At a fold two configurations of the mechanism meet at one input. There is then one
-    direction of motion in which the loops stay nearly closed. If a configuration moves by x
-    in this direction, one component of the closure residual is a quadratic function of x.
-    Its roots are the two configurations.
+    At a fold two configurations of the mechanism for the same inputs become equal. There is
+    then one direction of motion in which the loops stay nearly closed. If a configuration
+    moves by x in this direction, one component of the closure residual (by how much the
+    loops are open) is nearly a quadratic function of x. Its roots are the two
+    configurations.
 
     Attributes
     ----------
     values
-        (n, variables) rad, at the root of the quadratic function that is nearest to the
-        given configuration. At its extreme value if it has no root.
+        (n, variables) rad, the configuration at the root of the quadratic function that is
+        nearest to the given configuration. If there is no root, it is the configuration at
+        the minimum or maximum of the function, where the loops are least open.
     error
         (n,) bounds (rad) of the errors of the variables; infinite if they are not known.
     is_out_of_reach
-        (n,) whether the loops do not close, not even if the input is changed by its
-        rounding error.
+        (n,) whether the loops cannot be closed at the given inputs. They stay open by more
+        than all rounding errors explain, also those of the inputs.
     """
 
     values: Floats
@@ -253,11 +265,15 @@ def place_at_folds(
 
 @dataclass(frozen=True)
 class _QuadraticResidual:
-    """How far loops are open if n configurations move along one direction each.
+    """A quadratic function of how far loops are open, for each of n configurations.
 
-    The direction is a right singular vector of the Jacobian of the loops. How far loops are
-    open is measured along the left singular vector. At the distance x (rad) this component
-    is f(x) = e + s x + h x^2 / 2. The loops close at its roots.
+    At a fold two closed configurations are close together. Their distances from a computed
+    configuration are about the roots of this function. The roots give the correction of
+    the configuration and a bound of its error.
+
+    The configuration is moved by a distance x (rad) along a right singular vector of the
+    Jacobian of the loops. The residual is the vector of how far the loops are open. Its
+    component along the left singular vector is then f(x) = e + s x + h x^2 / 2.
 
     Attributes
     ----------
@@ -488,11 +504,14 @@ class _FoldModel:
             return np.where(is_valid & (other_error <= reach), error, np.inf)
 
     def _move_along_fold(self, closure: Closure, x: Floats) -> tuple[Floats, Floats]:
-        """Move the configurations by distances x in the direction that opens loops least.
+        """Move the configurations by distances x, and return by how much the loops open.
 
-        This direction of the variables is `_direction`. The inputs are constant. The loops
-        open in the direction `_residual_direction` of the residuals. A further step closes
-        the loops again in all other directions of the residuals.
+        The configurations move along `_direction`, in which the loops open least. The
+        inputs are constant. To first order, only the residual along `_residual_direction`
+        changes. A further step closes the loops in all other directions of the residual.
+
+        `bound_errors` compares the residual with the quadratic model `quadratic`, to check
+        that the model is accurate at the distance x.
 
         Parameters
         ----------

@@ -213,8 +213,12 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
 def _find_input_period(lap_lengths: Floats, ratios: Floats) -> float:
     """Return the growth (rad) of one input after which all wheels are as before.
 
-    The growth is a whole number of revolutions of the input: the least common multiple of
-    the numbers that the single contacts need.
+    After this growth the same configurations return. The growth is a whole number of
+    revolutions of the input. Each contact of two wheels needs a number of revolutions until
+    its wheels are as before. The result has the least common multiple of these numbers.
+
+    A rolled length is how far the two wheels of a contact have rolled on each other, as an
+    arc length on the unit sphere (rad).
 
     Parameters
     ----------

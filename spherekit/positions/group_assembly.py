@@ -104,11 +104,12 @@ class AssemblyState:
             # No group is placed yet, so none has failed to close.
             is_open=np.zeros(n, dtype=bool),
             # Dyads (groups of two links) are placed by spherical triangles. A narrow
-            # triangle enlarges the errors of the axes. `slack` is the error of the placed
-            # axes (rad), initially rounding.
+            # triangle enlarges the errors of the placed axes. `slack` bounds these errors
+            # (rad). In the beginning there are only rounding errors.
             slack=np.full(n, REACH_SLACK),
-            # How narrow the narrowest triangle was: its smallest sine of a side, divided by
-            # the largest one. The initial value 1 is the largest possible ratio.
+            # The side ratio of a triangle is the smallest sine of a side, divided by the
+            # largest. It is small for a narrow triangle. The state has the smallest ratio
+            # of all triangles so far. The initial value 1 is the largest possible ratio.
             side_ratio=np.ones(n),
         )
 
@@ -391,8 +392,9 @@ def find_train_paths(
 ) -> tuple[tuple[int, int, int], ...]:
     """Return the order in which pair angles place the bodies of a train of wheels.
 
-    The angles of some R pairs follow from the inputs by gear ratios. Beginning at the first
-    body, each of these pairs places another body (set of rigidly joined links).
+    A train is a group of bodies (sets of rigidly joined links) that are placed together.
+    The angles of some of its R pairs follow from the inputs by gear ratios. Beginning at
+    the first body, each of these pairs places another body.
 
     Parameters
     ----------
@@ -403,8 +405,8 @@ def find_train_paths(
 
     Returns
     -------
-    For each body that is reached: the position of the pair in the group, the body from
-    which it leads, and the body that it places.
+    For each body that is reached: the position of the pair in `group.pairs`, the body from
+    which the pair leads, and the body that it places.
     """
     positions = [
         position for position, pair in enumerate(group.pairs) if pair in fixed_pairs

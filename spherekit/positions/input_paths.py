@@ -89,7 +89,7 @@ class InputPathNodes(ArrayRows):
         distance that the inputs move.
     sign
         (n,) sign of the determinant of the closure Jacobian with locked inputs. It changes
-        only at singular configurations.
+        only at singular configurations, so a step that changes it is rejected.
     """
 
     direction: Floats

@@ -111,11 +111,13 @@ def _count_inputs_in_range(
 ) -> Indices:
     """Return how many of the inputs first, first + period, ... are in a range.
 
+    All these inputs belong to the same configuration.
+
     Parameters
     ----------
     first
-        (m,) inputs (rad), each the smallest one in the range that belongs to its
-        configuration. An input outside the range counts as 1.
+        (m,) for each of m configurations, the smallest of its inputs in the range (rad). If
+        it has no input in the range, `first` is one outside, and the result is 1.
     low, high
         Ends of the range (rad).
     period

@@ -36,9 +36,10 @@ def left_inverse(matrices: Floats) -> Floats:
 
     Returns
     -------
-    The inverses. An inverse is NaN if the columns of the matrix depend on each other: of
-    square matrices exactly, of others up to `REDUNDANT_EQUATION_RATIO`. All are NaN if the
-    matrices have fewer rows than columns.
+    The inverses. The inverse of a square matrix is NaN if the matrix is exactly singular.
+    With more rows than columns, it is NaN if the smallest singular value is at most
+    `REDUNDANT_EQUATION_RATIO` times the largest one. With fewer rows than columns, all are
+    NaN.
     """
     n, rows, columns = matrices.shape
     if rows == columns:

@@ -164,16 +164,17 @@ class Linearisation:
 
         All are zero if the loops are closed. Newton's method solves residual = 0. The
         bodies are placed along a tree of pairs (joints). Each pair outside the tree, a
-        chord, closes one loop. Its two bodies each determine a frame of the chord. The
-        rotation vector from the frame in the second body to that in the first is the error:
-        three components for each loop.
+        chord, closes one loop. The position of each of its two bodies gives a frame of the
+        chord. In a closed loop both frames are equal. The error is the rotation vector that
+        turns the frame of the second body into that of the first: three components for each
+        loop.
 
         Some variables can be locked at given values. Their differences from these values
         are appended.
         """
         # The number, the first body and the second body of each chord. `states` contains
         # the frame of each pair in the axes of its first and of its second body, at the
-        # values of its variables. In a closed loop both frames coincide in space.
+        # values of its variables.
         chords, firsts, seconds = self.tree.closing
         first_frames = self.rotations[:, firsts] @ self.states.first[:, chords]
         second_frames = self.rotations[:, seconds] @ self.states.second[:, chords]
@@ -214,9 +215,10 @@ class Linearisation:
 
         A pair (joint) joins two bodies. Each of its variables has a velocity vector: the
         angular velocity of the second body relative to the first at unit rate of the
-        variable. For a revolute pair it is the unit vector of the axis. The formula for the
-        derivative depends on the kind of pair. All vectors and rates are relative to body
-        0, in the axes of body 0.
+        variable. For a revolute pair it is the unit vector of the axis. The Jacobian of the
+        loops consists of these vectors, so callers compute its rate from the derivatives.
+        The formula for the derivative depends on the kind of pair. All vectors and rates
+        are relative to body 0, in the axes of body 0.
 
         Parameters
         ----------
@@ -226,7 +228,8 @@ class Linearisation:
         """
         # (n, pairs, 3, 3) frames of the pairs, in the axes of body 0.
         frames = self.frames
-        # The curvatures of the profiles of contact pairs, and their rates.
+        # At a contact of two profiles (such as wheels), the derivative also depends on the
+        # curvatures of the profiles. The states of the pairs contain these curvatures.
         states = self.states
         # The lambda is called for each kind of pair, with the indices of the pairs of this
         # kind.

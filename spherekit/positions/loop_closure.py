@@ -89,7 +89,8 @@ def newton(
         (n, variables) values after the last step, converged or not.
     newton_steps
         Size of the first step of each start (rad), and the ratio of the second step to the
-        first. Both numbers are small if the start was near a solution.
+        first. Both numbers are small if the start was near a solution. Large numbers warn
+        the caller that the result may be another solution than the one sought.
     """
     values = values.copy()
     active_rows = np.arange(len(values))

@@ -203,16 +203,26 @@ class ModeCoalescence:
     def _choose_order(self, position: int) -> OrderTrial:
         """Return an elimination order that works for a group at the test inputs.
 
-        An elimination order states in which order the unknown angles of the group (bodies
-        placed together) are eliminated from its equations. An order works if the
-        determinants of the derivatives of the equations are finite. Where the elimination
-        fails, the determinants are NaN. If no order works, the last one is returned.
+        A group is a set of bodies that are placed together by equations for unknown angles.
+        An elimination order is the order in which these angles are eliminated from the
+        equations. Elimination fails in some orders, so the orders are tried one after the
+        other.
+
+        Each mode (solution of the equations) has a determinant: that of the derivatives of
+        the equations with respect to the unknown angles. The function of the group is the
+        product of these determinants. They are NaN where the elimination fails. So an order
+        works if all determinants at the test inputs are finite.
 
         Parameters
         ----------
         position
             Position of the group in solving order. All earlier groups must have their
             orders.
+
+        Returns
+        -------
+        The first order that works, or the last one if none works. The result also has the
+        determinants. The caller finds from them on which earlier groups the group depends.
         """
         # Shape (test inputs, inputs): the inputs of a test differ from each other.
         test_inputs = np.add.outer(TEST_INPUTS_RAD, np.arange(len(self.solver.driven)))
@@ -337,15 +347,17 @@ class ModeCoalescence:
     ) -> Complexes:
         """Return the determinants of a group's equations in all its complex modes.
 
-        A group is a set of bodies that are placed together. A mode is one real or complex
-        solution of its equations. The determinant is formed from the derivatives of the
+        A group is a set of bodies that are placed together. A body is a set of links whose
+        relative orientations are known. A mode is one real or complex solution of the
+        equations of a group. The determinant is formed from the derivatives of the
         equations with respect to the unknown angles. The determinant is zero where two
         modes meet.
 
         Groups that are placed earlier have modes, too. The groups in `combined_groups` are
-        placed in all their modes, other earlier groups in their first mode only. The
-        determinants are computed for each combination of these modes with a mode of this
-        group.
+        placed in all their modes. The determinants do not depend on the modes of other
+        earlier groups, of which only the first mode is used. An earlier combination has one
+        mode of each earlier group. The determinants are computed for each earlier
+        combination and each mode of this group.
 
         Parameters
         ----------
@@ -361,15 +373,14 @@ class ModeCoalescence:
 
         Returns
         -------
-        (n, combinations) determinants. All modes of this group come first for one
-        combination of earlier modes, then for the next one.
+        (n, combinations) determinants: those of all modes of this group in the first
+        earlier combination, then those in the next one.
         """
         group = self.groups[position]
         # Modes that could not be computed are NaN, without a warning of NumPy.
         with np.errstate(all="ignore"):
             # For each link the rotation (n, earlier combinations, 3, 3) from its axes to
-            # those of its body. A body is a set of links that are placed already. An
-            # earlier combination has one mode of each earlier group.
+            # those of its body.
             body_from_link = self._place_links(position, q, combined_groups)
             if order is None:
                 combination_count = body_from_link[0].shape[1]
@@ -451,15 +462,17 @@ class ModeCoalescence:
     ) -> GroupGeometry:
         """Return the pair frames of a group, from which its equations are formed.
 
-        A pair frame is the rotation from the axes of a pair to those of a body. The frames
-        depend on the inputs, and on the modes (solutions) of the groups placed before. The
-        result has one axis for both. On this axis, all modes at the first value of the
-        inputs come first, then those at the second.
+        A pair joins two bodies. It has two frames, one for each body. A frame is the
+        rotation from the axes of the pair to those of the body.
+
+        The frames depend on the inputs, and on the modes (solutions) of the groups placed
+        before. In the result, inputs and modes share one axis of the arrays. On this axis,
+        all modes at the first value of the inputs come first, then those at the second.
 
         Parameters
         ----------
         group
-            The bodies, and the pairs (joints) that join them.
+            The bodies that are placed together, and the pairs (joints) that join them.
         body_from_link
             For each link the rotation (n, modes, 3, 3) from its axes to those of its
             body (a set of links that are placed already), at n values of the inputs.

@@ -223,10 +223,11 @@ def find_mode_meetings(
     assembly_modes: Sequence[AssemblyMode],
     crossings: Sequence[Crossing],
 ) -> tuple[ModeMeeting, ...]:
-    """Return the inputs at which modes meet, with the modes that continue each other.
+    """Return the inputs at which modes meet, and which mode continues which one there.
 
     The configurations of a mode form a curve over the input. Two modes meet where their
-    curves cross. All crossings at the same input belong to one meeting.
+    curves cross. A mode above this input continues the mode below it that lies on the same
+    smooth curve. All crossings at the same input belong to one meeting.
 
     Parameters
     ----------
@@ -434,10 +435,13 @@ def follow_smooth_curves(
     smooth_modes = []
     for mode in assembly_modes:
         # Number of the mode that lies on the curve in each interval. The list begins with
-        # the interval of `start`, and is extended upwards, then downwards. At each meeting,
-        # `successors` and `predecessors` map the modes that change to their new numbers.
+        # the interval of `start`, and is extended upwards, then downwards. At a meeting the
+        # curve can continue in another mode. `successors` (upwards) and `predecessors`
+        # (downwards) then have the number of this mode by the number before.
         numbers = [mode.number]
-        # Whether another curve continues under the same number as this curve.
+        # Whether, behind a meeting, another curve has the same number as this curve. Then
+        # this curve is left out below if it has no configurations in the interval of
+        # `start`: the mode only continues the other curve.
         is_claimed = False
         for meeting in meetings[first:]:
             is_claimed |= _is_taken_by_another(numbers[-1], meeting.successors)
@@ -459,17 +463,20 @@ def follow_smooth_curves(
 def _is_taken_by_another(number: int, successors: Mapping[int, int]) -> bool:
     """Return whether a curve keeps its mode number, and another curve takes it, too.
 
-    At a meeting, curves of assembly modes cross. Each curve has the number of its mode. A
-    curve can continue in a mode with another number.
+    At a meeting, curves of assembly modes cross. Each curve has the number of its mode, and
+    can continue behind the meeting in a mode with another number. Two curves then have the
+    same number if the mode of one of them begins at the meeting, as the continuation of the
+    other curve. The caller then leaves out this mode if it does not exist near the input
+    at which the curves get their numbers.
 
     Parameters
     ----------
     number
         The number of the curve before the meeting.
     successors
-        For each mode whose curve continues in a mode with another number: its number, and
-        that of the other mode. Modes that are not listed keep their numbers. If the input
-        falls, these are the `predecessors` of the meeting.
+        The new number by the old one, for each curve that changes its number at the
+        meeting. These are the `successors` of the meeting if it is passed with a rising
+        input, and its `predecessors` with a falling input.
     """
     keeps_number = number not in successors
     another_takes_number = number in successors.values()

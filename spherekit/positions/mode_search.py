@@ -119,10 +119,16 @@ class ModeSearch:
         """Find the assembly modes of a mechanism at the samples of its inputs.
 
         An assembly mode is one way to assemble the mechanism. The links are placed in
-        groups. A dyad (two links) closes in two ways, told apart by its sign (1 or -1). A
-        train of wheels closes in one way, with the sign 0. If there are no other groups, a
-        mode is a combination of signs (closed form). With other groups, modes are followed
-        by Newton's method.
+        groups:
+
+        - A dyad (two links) closes in two ways, told apart by its sign (1 or -1).
+        - A train of wheels closes in one way, with the sign 0.
+        - Other groups have no closed form.
+
+        If there are only dyads and trains of wheels, each combination of their signs with
+        which the mechanism closes is a mode. If there are other groups, modes are followed
+        by Newton's method. With one input they are followed along its range. With several
+        inputs they are followed from sample to sample.
 
         Parameters
         ----------
@@ -135,10 +141,8 @@ class ModeSearch:
         """
         self.solver = solver
         self.input_grid = input_grid
-        # Results. `claim` says how complete the modes are (without a search, only the mode
-        # of the reference pose is known). `methods` says how those of each group were
-        # found, and `probes` from how many inputs and random starts. Curves of modes cross
-        # at the configurations `crossings`.
+        # First values of the results, which the class explains. Without a search, only the
+        # mode of the reference pose is known.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
@@ -147,8 +151,6 @@ class ModeSearch:
         self.crossings: tuple[Crossing, ...] = ()
         if solver.has_closed_form:
             self._find_closed_form_modes(search)
-        # Modes are followed from sample to sample of several inputs, or along the range of
-        # a single input.
         elif len(solver.driven) > 1:
             self._find_modes_over_samples(search, independent)
         else:
@@ -181,16 +183,17 @@ class ModeSearch:
         search
             Whether to search for modes other than that of the reference pose.
         independent
-            Whether the samples are unrelated to each other, and not a motion. A dyad (two
-            links) closes in two ways, told apart by its sign. For independent samples,
-            configurations with equal signs of all dyads share a mode number. No path has to
-            join them.
+            Whether the samples are unrelated to each other, and not a motion. In a motion,
+            modes on separate parts of the path of samples are different modes. For
+            independent samples they are one mode if all groups of links have equal signs. A
+            dyad (two links), for example, closes in two ways, told apart by its sign.
 
         Raises
         ------
         PlanError
             If the mechanism has another number of degrees of freedom than inputs. This is
             tested only with redundant constraints, by the rank of the velocity equations.
+            Without them, the numbers of links and pairs give the degrees of freedom.
         """
         # The constructor runs the search.
         sampled_modes = SampledModes(
@@ -383,14 +386,14 @@ class ModeSearch:
     def _select_samples(self) -> tuple[Floats, Completeness]:
         """Return the samples of the inputs at which assembly modes will be searched.
 
-        These are all samples, or `MAX_PROBED_SAMPLES` of them at equal distances.
+        These are all samples, or `MAX_PROBED_SAMPLES` of them, spread evenly.
 
         Returns
         -------
         q
             (k, inputs) values of the inputs (rad).
         claim
-            How complete the modes are after the search, with the reason in words.
+            How complete the modes will be after the search, with the reason in words.
         """
         grid = self.input_grid
         q = grid.q[spread_rows(len(grid), MAX_PROBED_SAMPLES)]
@@ -462,15 +465,15 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
         position = max(position, *tried)
     group = solver.assembly.groups[position]
     pairs = ", ".join(solver.mechanism.names_of(group.pairs))
-    failure = "did not close"
-    cure = "the axes of its pose" if has_pose else "its arcs"
+    failure = "could not be assembled"
+    cure = "the axes of its pose" if has_pose else "the arcs of its links"
     if solver.mechanism.has_contacts:
-        failure += " from any start, or closed only with profiles that enter each other"
-        cure += ", profiles"
+        failure += " from any start, or only with profiles that enter each other"
+        cure += ", their profiles"
     cure += " or the range"
     if not has_pose:
         cure += ", or give a reference pose"
     return (
-        f"{name}: no configuration was found for inputs {degrees}: the {group.kind} of "
-        f"pairs {pairs} {failure}; change {cure}"
+        f"{name}: no configuration was found for inputs {degrees}: the {group.kind} with "
+        f"the pairs {pairs} {failure}; change {cure}"
     )

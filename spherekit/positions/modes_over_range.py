@@ -300,8 +300,8 @@ class ModesOverRange:
         Parameters
         ----------
         curve
-            The curve, with rising values of the input. None if the start was not followed,
-            because its number of degrees of freedom is not 1.
+            The curve, with rising values of the input. None if the configuration from which
+            it would start does not have exactly one degree of freedom.
         component
             Index of the component to which the mode belongs. A component is a connected
             curve of configurations; it has several modes if the input turns back on it.
@@ -309,7 +309,8 @@ class ModesOverRange:
         """
         if curve is None:
             return False
-        # The whole search ends after a certain number of steps along curves.
+        # The steps along all curves are counted, because the search stops after
+        # `MAX_STEPS_ALONG_MODES`.
         self._steps_along_modes += curve.tried_steps
         low, high = self.input_grid.range
         if curve.inputs[0] > high or curve.inputs[-1] < low:
@@ -317,8 +318,8 @@ class ModesOverRange:
         # A mode has two lists of signs, with a sign for each group (links placed together).
         # The signs are constant in a mode, except at its ends, so the middle is used.
         middle_values = curve.values[len(curve.values) // 2]
-        # First list: in which of its two ways a dyad (two links) closes, 1 or -1. The
-        # program places the dyad by this sign. Other groups have 0.
+        # First list: a dyad (a group of two links) can close in two ways. Its sign, 1 or
+        # -1, says which one, and the program places the dyad by it. Other groups have 0.
         dyad_signs = signs_at(self.solver, middle_values)
         # Second list: the sign of the determinant of each group, dyads included. This sign
         # serves to recognise configurations that have left the mode. `least=0.0` asks for
@@ -591,8 +592,10 @@ class ModesOverRange:
     def _find_components(self, values: Floats, first_mode: int) -> Indices:
         """Return the component of each configuration that is on a known assembly mode.
 
-        A component is a connected curve of configurations. It consists of one or more
-        modes, because the input can turn back on it.
+        The caller follows a new curve only from a configuration that is on no known mode.
+
+        A component is a connected curve of configurations. Where the input turns back along
+        the curve, one mode ends and another begins. So a component has one or more modes.
 
         Parameters
         ----------

@@ -537,12 +537,13 @@ class SampledModes:
         # Up to here, only the reference pose can have given a solution.
         has_reference_mode = self._solutions.count > 0
         if has_reference_mode:
-            as_assembled = "other ways to mesh the wheels were not searched"
+            # `REFERENCE_ONLY` states that only the mode of the reference pose was searched.
+            limitation = "other ways to mesh the wheels were not searched"
             reason = REFERENCE_ONLY.reason
             return replace(
                 REFERENCE_ONLY,
-                reason=f"{reason}; {as_assembled}",
-                sentence=f"Only {reason} was computed; {as_assembled}.",
+                reason=f"{reason}; {limitation}",
+                sentence=f"Only {reason} was computed; {limitation}.",
             )
         for sample in spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES).tolist():
             self._search_sample(sample)
@@ -604,12 +605,13 @@ class SampledModes:
     def _collect_modes(
         self, reference_node: int | None, shares_numbers: bool
     ) -> list[AssemblyMode]:
-        """Return the assembly modes, numbered and sorted, from the modes of the graph.
+        """Return the assembly modes, sorted and numbered from 0.
 
-        A mode of the graph is an array with the number of its configuration (node) at each
-        sample, -1 where it has none. At most `_mode_limit` modes stay: the mode of the
-        reference pose, and those with most samples. `claim` (how complete the modes are)
-        mentions modes that were left out.
+        The nodes of `_graph` are configurations. Each assembly mode has at most one node at
+        each sample of the inputs. The graph lists a mode as an array with the index of its
+        node at each sample, -1 where it has none. At most `_mode_limit` modes stay: the
+        mode of the reference pose, and those with most samples. If modes are left out,
+        `claim` (the statement how complete the modes are) says so.
 
         Parameters
         ----------
@@ -617,10 +619,11 @@ class SampledModes:
             A node of the mode of the reference pose, which becomes mode 0. None if there is
             no such node.
         shares_numbers
-            Whether modes with equal signs of all groups, in separate parts of the path of
-            samples, become one mode with one number. A dyad (two links) has the sign of the
-            determinant of its three axes, another group the sign of the determinant of its
-            velocity equations.
+            Whether some modes become one mode with one number. The samples are then a path.
+            These modes are in separate parts of the path, and agree in the signs of all
+            groups. A group is a set of links that are placed together. A dyad (two links)
+            has the sign of the determinant of its three axes. Another group has the sign of
+            the determinant of its velocity equations.
         """
         graph = self._graph
         # The largest modes come first.
@@ -648,8 +651,8 @@ class SampledModes:
         def sort_key(mode: Indices) -> tuple[bool, tuple[int, int]]:
             """Return a key that puts the mode of the reference pose before all others.
 
-            The other modes are sorted by their first sample, then by their node (number of
-            the configuration in the graph) there. `mode` (n,) has the node at each sample.
+            The other modes are sorted by their first sample, then by the index of their
+            node there. `mode` (n,) has the index of the node at each sample.
             """
             return not is_reference(mode), graph.first_node(mode)
 
@@ -663,9 +666,10 @@ class SampledModes:
     def _signs_of_modes(self, modes: Sequence[Indices]) -> SmallIntegers:
         """Return the sign of each group of links in each assembly mode.
 
-        A dyad (two links) has the sign of the determinant of its three pair axes, another
-        group the sign of the determinant of its velocity equations. The sign is constant in
-        a mode, and is computed at one regular configuration.
+        The signs tell the modes of a group apart. A group is a set of links that are placed
+        together. A dyad (two links) has the sign of the determinant of its three pair axes.
+        Another group has the sign of the determinant of its velocity equations. The sign is
+        constant in a mode, and is computed at one regular configuration.
 
         Parameters
         ----------
@@ -677,8 +681,9 @@ class SampledModes:
         -------
         (modes, groups) the signs, 1 or -1.
         """
-        # A mode with only singular configurations uses the first one. With `least` 0, a
-        # sign is returned even if the determinant is small.
+        # A mode with only singular configurations uses the first one. `least` is the least
+        # reciprocal condition number of a reliable sign. With 0, a sign is returned even
+        # near a singular matrix.
         regular_nodes = [self._graph.regular_node(mode) for mode in modes]
         return group_signs(self.solver, self._graph.values[regular_nodes], least=0.0)
 

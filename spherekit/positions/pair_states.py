@@ -86,8 +86,9 @@ def iterate_contact_profiles(
     """Yield the index of each contact pair, and the profiles of its two links.
 
     A contact pair joins two links by rolling or sliding profiles. Revolute pairs are left
-    out. In the result, `ContactProfile.variable` is the index among the variables of all
-    joints.
+    out. A joint numbers its variables from 0. In the result, `ContactProfile.variable` is
+    an index among the variables of all joints, with which callers find the value of the
+    variable in a configuration.
     """
     for pair, first_variable, joint in enumerate_joints(joints):
         profiles = joint.contact_profiles
@@ -118,18 +119,19 @@ def list_rolling_variables(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:
 class JointsOfKind(NamedTuple):
     """The pairs of one kind, with their positions in a list of pairs of several kinds.
 
-    Pairs of one kind are evaluated together, in one array operation.
+    Pairs of one kind are evaluated together, in one array operation. A `Joint` is the
+    geometry of a pair.
 
     Attributes
     ----------
     kind
         The class of the joints, for example `Revolute`.
     joints
-        The geometry of each of these pairs: its axis, or the profiles of a contact.
+        The geometry of each pair of this kind: its axis, or the profiles of a contact.
     pairs
-        Indices of these pairs in the whole list.
+        Indices of these pairs in the list of all kinds.
     variables
-        Indices of their variables among the variables of the whole list.
+        Indices of their variables among the variables of all pairs in that list.
     """
 
     kind: Kind

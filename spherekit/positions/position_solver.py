@@ -613,12 +613,14 @@ class PositionSolver:
         state: AssemblyState,
         status: SmallIntegers,
     ) -> Bools:
-        """Move samples just behind the end of an assembly mode back to its last node.
+        """Move samples just beyond the last node of an assembly mode back to this node.
 
         With one input, a mode is a curve of verified configurations, its nodes. The curve
         ends at a dead centre, where the input reverses. The last node is a little before
-        the dead centre, at most `LAST_NODE_DISTANCE_RAD`. A sample between the last node
-        and the dead centre is not out of reach, and gets the configuration of the node.
+        the dead centre, at most `LAST_NODE_DISTANCE_RAD`. A sample beyond the node by less
+        than this distance has the status `OUT_OF_REACH`, but counts as beside the dead
+        centre. Its configuration becomes that of the node. The caller then computes it
+        more exactly and sets its status (`_place_singular`).
 
         Parameters
         ----------
@@ -629,7 +631,7 @@ class PositionSolver:
         state
             The placed bodies. Its variables are changed for the moved samples.
         status
-            (n,) status of each sample.
+            (n,) status of each sample, which is not changed.
 
         Returns
         -------

@@ -323,8 +323,8 @@ class GroupLoops:
         """Close the loops of a group by Newton's method from variables (n, pairs), in rad.
 
         A group has links that become one body when all pairs between them are closed. The
-        residual (closure errors of the loops) is computed in quad precision, and so is
-        the solution. The derivatives of the residual are inverted in float64 only, because
+        residual (closure errors of the loops) is computed in quad precision, and so is the
+        solution. The derivatives of the residual are inverted in float64 only, because
         errors of a step are corrected by the next step.
 
         Returns

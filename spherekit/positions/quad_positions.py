@@ -114,12 +114,14 @@ class _Bodies:
     values
         (n, variables) pair variables (rad) in quad precision, NaN while they are unknown.
     error
-        (n,) bound of the error (rad) of the rotations. Inputs count as exact, except at a
-        dead centre, where their rounding has a large effect.
+        (n,) bound of the error (rad) of the rotations. The float64 inputs count as exact.
+        Only at a dead centre, where their rounding errors have a large effect, the bound
+        includes this effect, too.
     rounding
         (n,) bound (rad), to first order, of the effect that the rounding errors of the
-        inputs have on the rotations. A user may mean decimal numbers, and the inputs are
-        these numbers rounded to float64. At a dead centre, `error` includes this effect.
+        inputs have on the rotations. There are rounding errors because a user may mean
+        decimal numbers, which were rounded to float64. The bound serves to decide whether a
+        group is out of reach or at its dead centre.
     is_out_of_reach
         (n,) whether a group cannot be closed, even if the inputs are changed by their
         rounding errors.
@@ -564,19 +566,23 @@ def _sine_of_arc(arc: HalfAngle) -> Floats:
 def _dyad_error(error: Floats, triple: Floats, sines: Sequence[Floats]) -> Floats:
     """Return a bound (n,) of the error (rad) of the orientations of a dyad's two bodies.
 
-    A dyad is two bodies joined by a pair. The two bodies are placed relative to a third
-    body, the carrier of the outer axes. The bound adds the error of the carrier and that of
-    the dyad's angles. For the angles, the smaller one of two bounds is taken: one is good
-    away from the dead centre, the other at it. An infinite result means unknown.
+    A dyad is two bodies, which a middle pair joins to each other. Two outer pairs join them
+    to a third body, the carrier, which has been placed before. The dyad is placed relative
+    to the carrier, so the bound is the sum of two errors: that of the carrier and that of
+    the dyad's angles. For the angles, the smaller one of two bounds is taken. The regular
+    bound is small away from the dead centre and infinite at it. The flat bound is also
+    finite at the dead centre, where the dyad is flat. An infinite result means unknown.
 
     Parameters
     ----------
     error
-        (n,) error bound (rad) of the carrier.
+        (n,) error bound (rad) of the orientation of the carrier.
     triple
         (n,) absolute triple product of the three axes of the dyad; 0 at the dead centre.
     sines
-        (n,) sines of the arcs of both bodies, and of the arc between the outer axes.
+        Three arrays (n,), the sines of three angles. The first two are the arcs of the
+        bodies: the angles between the outer and the middle axis of each body. The third one
+        is the angle between both outer axes.
     """
     regular_error = _regular_angle_error(error, triple)
     flat_error = _flat_angle_error(error, np.minimum.reduce(sines))

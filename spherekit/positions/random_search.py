@@ -196,8 +196,8 @@ class SearchStatistics:
 
         Example: "1536 random starts, 812 closed on 3 curves, on each at least 9 times; one
         to which 0.30% of all starts lead would have been found with a probability of 99%".
-        A start has closed if it led to a solution. The percentages are `missed_share` and 1
-        - `MISS_PROBABILITY`.
+        A start has closed if it led to a solution. In the example, 0.30% is `missed_share`,
+        and 99% is 1 - `MISS_PROBABILITY`.
 
         Parameters
         ----------
@@ -606,8 +606,10 @@ class DistinctConfigurations:
     def _find_repetitions(self, differences: Floats) -> list[WheelRepetition]:
         """Return which wheels have made whole revolutions, for each contact.
 
-        A repetition says for a contact of two wheels which of them has made a whole number
-        of revolutions, so that it touches at the same point of its profile again.
+        `_is_repetition` needs this to decide whether one configuration repeats another. It
+        can do so only if, at each contact at which two wheels have rolled on, one of them
+        has made whole revolutions. This wheel touches at the same point of its profile
+        again. A `WheelRepetition` names both wheels.
 
         Parameters
         ----------
@@ -617,7 +619,8 @@ class DistinctConfigurations:
         Returns
         -------
         One repetition for each contact with a changed rolled length. Empty if no length has
-        changed, or if one has changed without whole revolutions of either wheel.
+        changed. Also empty if at some contact neither wheel has made whole revolutions,
+        because no configuration is then repeated.
         """
         repetitions = []
         for rolled_length in self._rolled_lengths:

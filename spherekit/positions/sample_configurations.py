@@ -243,9 +243,9 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
     are placed one after the other. Each partial configuration is continued in all ways to
     place the next group.
     """
-    # (n,) whether all configurations of a sample were found, and why not (the first
-    # reason).
+    # (n,) whether all configurations of each sample were found.
     is_complete = np.ones(len(q), dtype=bool)
+    # The first reason why some may be missing, or an empty text.
     problem = ""
     # A row is one partial configuration of one sample. `sample` has the sample of each row,
     # and `state` the bodies that are placed in it.

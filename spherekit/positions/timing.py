@@ -15,7 +15,8 @@ from spherekit.numerics.array_rows import ArrayRows
 class Timing(ArrayRows):
     """Times, input rates and input accelerations of the n rows of a motion.
 
-    A row is one configuration. The rows of one assembly mode follow those of another.
+    A row is one configuration. A motion with several assembly modes (ways to assemble the
+    mechanism) has all rows of the first mode, then all rows of the next mode, and so on.
 
     Attributes
     ----------
@@ -30,7 +31,7 @@ class Timing(ArrayRows):
     ddq: Floats
 
     def repeated(self, count: int) -> "Timing":
-        """Return all rows `count` times, one block after another, as for `count` modes."""
+        """Return all rows `count` times, one block after another: one for each mode."""
         return self.rows(np.tile(np.arange(len(self.ddq)), count))
 
 

@@ -441,6 +441,8 @@ class ArcEquations:
     def derivative_bound(self) -> Floats:
         """(equations,) bounds C of all derivatives of the equations at real angles.
 
+        Proofs need them to bound the change of derivatives in a box, and rounding errors.
+
         An equation is f = 0, with a polynomial f in cosines and sines of the variables.
         Variable j occurs up to cos(d_j angle) and sin(d_j angle); d_j is its degree. For
         all real angles and any order k >= 1,
@@ -449,9 +451,11 @@ class ArcEquations:
 
         Reason: each equation says that a link fits between two axes U and W of links placed
         before, f = U . W - cos(arc of the link). Each axis is a unit vector, multiplied by
-        the orientation matrices of the links along a path. C is the product of the norms of
-        these matrices, so abs(U . W) <= C. By Bernstein's inequality, each derivative with
-        respect to variable j multiplies the bound of U . W by d_j at most.
+        the orientation matrices of the links along a path. The product of the norms of
+        these matrices is C, so abs(U . W) <= C. The norms can exceed 1: where the equations
+        are not satisfied, the matrix of a closing link is not a rotation. By Bernstein's
+        inequality, each derivative with respect to variable j multiplies the bound of U . W
+        by d_j at most.
         """
         norms = self._orientation_norms
         bounds = []
@@ -469,16 +473,19 @@ class ArcEquations:
     def _orientation_norms(self) -> dict[int, float]:
         """For each link an upper bound of the norm of its orientation matrix.
 
-        The norm of a matrix says by how much it lengthens a vector at most. The orientation
-        of a link is relative to another link, its reference. The bound is valid at all real
-        angles.
+        The norm of a matrix is the largest factor by which it lengthens a vector. The
+        orientation of a link is relative to another link, its reference. A closing link is
+        put on axes of two earlier links. Its matrix is a rotation only at angles that close
+        the loops, so at other angles the norm can exceed 1. The bounds are valid at all
+        real angles. `derivative_bound` multiplies them.
         """
         # The orientation of a link placed by one pair is a rotation about the axis of the
         # pair, so its norm is 1. `_rotation_terms` has these links as keys.
         norms = dict.fromkeys(self._rotation_terms, 1.0)
-        # A closing link is put on two axes U and W of earlier links. Its matrix is
-        # U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n. U and W are unit
-        # vectors, multiplied by the orientations of the links on a path.
+        # With the axes U and W of the two earlier links, the matrix of a closing link is
+        # U a^T + W b^T + (U x W) n^T, where a, b and n are constant vectors. U and W are
+        # unit vectors, each multiplied by the orientation matrices along a path of links.
+        # Both paths begin where they meet, and end at the earlier links.
         for step in self.construction.equation_steps:
             # `first` and `second` have the links on the paths of U and W.
             paths = self.construction.parent_paths(step)
@@ -501,9 +508,10 @@ class ArcEquations:
 def _shift_angle(terms: Array, offset: Ball) -> Array:
     """Return a rotation by the angle x + offset as a function of x.
 
-    A pair that the input drives through toothed wheels has the angle x + offset. The
-    equations have the variable x. The result follows from cos(x + o) = cos(x) cos(o) -
-    sin(x) sin(o) and sin(x + o) = sin(x) cos(o) + cos(x) sin(o).
+    A pair that the input drives through toothed wheels has the angle x + offset, where x is
+    a multiple of the input angle. The equations are functions of x. The result follows from
+    cos(x + o) = cos(x) cos(o) - sin(x) sin(o) and sin(x + o) = sin(x) cos(o) +
+    cos(x) sin(o).
 
     Parameters
     ----------
@@ -536,12 +544,16 @@ def _follower_offsets(
     """Return the constant parts of the angles of pairs that wheels drive.
 
     A follower is a pair (joint) that the only input drives through toothed wheels. Its
-    angle is a multiple of the input angle plus a constant, the offset. If input and
-    followers share one variable, the variable gives only the multiple. The equations then
-    rotate the link of the follower by the offset, too.
+    angle is a multiple of the input angle plus a constant, the offset. The equations of a
+    mechanism have one of two kinds of variables:
 
-    The result is empty if there are no wheels. It is also empty if each follower has a
-    variable of its own, because this variable is the whole angle.
+    - Input and followers share one variable. The angle of a follower is a factor
+      (`PlacementStep.angle_factor`) times this variable, plus the offset. The caller makes
+      the offset part of the rotation about the pair, and needs the result for this.
+    - Each follower has a variable of its own, which is the whole angle. No offset is added,
+      and the result is empty.
+
+    The result is also empty if there are no wheels.
 
     Parameters
     ----------
@@ -556,6 +568,7 @@ def _follower_offsets(
     bound of its error).
     """
     has_wheels = bool(decimal_mechanism.meshes)
+    # `follower_pairs` are only the followers with a variable of their own.
     has_follower_variables = bool(construction.follower_pairs)
     if has_follower_variables or not has_wheels:
         return {}
@@ -575,9 +588,9 @@ def _bound_closing_link_norm(
 ) -> float:
     """Return an upper bound of the norm of the matrix U a^T + W b^T + (U x W) n^T.
 
-    The matrix is the orientation of a link that two of its axes, U and W, determine. The
-    lengths of the constant vectors a, b and n are at most 1 / sine of the arc between the
-    two axes.
+    The matrix is the orientation of a closing link, which is put on two axes U and W of
+    links placed before. The lengths of the constant vectors a, b and n are at most 1 / sine
+    of the arc between the two axes.
 
     Parameters
     ----------

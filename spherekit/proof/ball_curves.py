@@ -338,10 +338,11 @@ def _enclose_pieces(
 
 
 def _convergence_distance(coefficients: list[Ball], bits: int) -> float:
-    """Return how far from its centre a power series has all digits.
+    """Return how far from its centre a power series is exact to the wanted bits.
 
-    The distance is estimated from the last coefficients c_n. The term c_n x^n is below the
-    last bit if abs(c_n) x^n <= 2^-bits, that is for
+    Beyond this distance x, the terms that were left out matter. The distance is estimated
+    from the last coefficients c_n. The term c_n x^n is below the last bit if abs(c_n) x^n
+    <= 2^-bits, that is for
 
         ln x <= -(bits ln 2 + ln abs(c_n)) / n.
 
@@ -367,8 +368,9 @@ def _convergence_distance(coefficients: list[Ball], bits: int) -> float:
 def _make_fourier_path(axes: Array, cosines: Array, sines: Array) -> Path:
     """Return the path on the sphere of a profile that a Fourier sum describes.
 
-    The angle from the centre, r, is a function of the azimuth a about the centre: r(a) =
-    sum over k of cosines[k] cos(k a) + sines[k] sin(k a).
+    The profile is a curve around a point of the sphere, its centre. The angle from the
+    centre, r, is a function of the azimuth a about the centre: r(a) = sum over k of
+    cosines[k] cos(k a) + sines[k] sin(k a).
 
     Parameters
     ----------
@@ -473,8 +475,9 @@ class _SphericalSpline:
         Each parameter (n,) is evaluated with the polynomial of its `interval` (n,), which
         is numbered from the start of the curve.
         """
-        # The polynomial of interval i depends on the control points and knots with these
-        # indices: (degree + 1, n) from i on, and (2 * degree, n) from i + 1 on.
+        # The polynomial of interval i depends on degree + 1 control points, the first of
+        # which has index i. It also depends on 2 * degree knots, the first of which has
+        # index i + 1. Each column of the arrays has the indices for one parameter.
         point_numbers = interval + np.arange(self._degree + 1)[:, None]
         knot_numbers = interval + np.arange(1, 2 * self._degree + 1)[:, None]
         spline_point, derivative = _evaluate_de_boor(

@@ -69,7 +69,8 @@ def revolute_rotation_terms(first: Frame, second: Frame) -> Array:
         axis:            axis,
 
     where the vectors on the right belong to the first link. The rotation matrix is the sum
-    of the outer products of each image with its vector of the second link.
+    of three outer products: of each right-hand side with the vector of the second link that
+    is mapped to it. The constant terms are computed once and serve for all angles.
 
     Parameters
     ----------

@@ -120,7 +120,9 @@ def centre_float(ball: Ball) -> float:
 def power_series(*coefficients: Array) -> Array:
     """Return an array of power series in one variable, with balls as coefficients.
 
-    Balls are numbers with a bound of their error. Arithmetic with series gives derivatives.
+    Balls are numbers with a bound of their error. A function of a series is again a series.
+    Its coefficients are the derivatives of the function with respect to the variable,
+    divided by factorials.
 
     Parameters
     ----------
@@ -157,6 +159,9 @@ def series_coefficient(series: Array, power: int) -> Array:
 
 def enclose_both(first: Array, second: Array) -> Array:
     """Return balls (numbers with error bounds) that contain the balls of two arrays.
+
+    The caller evaluates a piecewise function at balls that meet several pieces. It joins
+    the values of these pieces one after another.
 
     Both arrays have the shape (...), and each ball contains the two balls at its place. If
     the elements are power series, this is done for each coefficient that both series have.
@@ -224,8 +229,8 @@ def series_length_limit(count: int) -> Iterator[None]:
 def solve_balls(square: Array, right: Array) -> Array:
     """Return balls that contain all solutions of linear equations with ball coefficients.
 
-    A ball is a number with a bound of its error. All matrices and right-hand sides within
-    these bounds count.
+    A ball is a number with a bound of its error. The result contains the solution for each
+    matrix and each right-hand side within these bounds.
 
     Parameters
     ----------

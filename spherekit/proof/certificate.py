@@ -99,9 +99,11 @@ def _construction_table(
 ) -> Mapping[str, Any]:
     """Return how a proof places the links of the mechanism one by one, as a table.
 
+    The table is part of a certificate, from which a checking program can repeat the proof.
+
     The first link is the root. Each further link is placed in one of two ways. One pair
-    (joint) joins it to a link placed before: it is turned about this axis. Or two pairs
-    join it to two such links: it is put on both axes.
+    (joint) joins it to a link placed before: it is turned about the axis of this pair. Or
+    two pairs join it to two links placed before: it is put on the axes of both pairs.
 
     Parameters
     ----------

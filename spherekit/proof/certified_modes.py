@@ -156,10 +156,10 @@ class CertifiedModes:
         One of three ways can prove that no real mode is missing:
 
         1. As many complex modes are proven as there can be (`is_counted`). The largest
-           possible number is `mode_bound`.
+           possible number for the whole mechanism is `mode_bound`.
         2. The equations are divided into small systems, which are solved one after another
-           (`systems`). For each system, as many solutions are proven as there can be,
-           including solutions at infinity.
+           (`systems`). Each system has a bound of its own. As many solutions of the system
+           are proven as its bound permits, including solutions at infinity.
         3. The space of the unknown angles is divided into boxes, in which further real
            modes are excluded (`is_complete`).
 
@@ -174,10 +174,12 @@ class CertifiedModes:
                 f"Bezout's bound, each alone in its ball; {arithmetic}"
             )
         elif self.systems:
-            # `mode_bound` counts the finite solutions and those at infinity together.
+            # `mode_bound` is for all equations of the mechanism together. It includes
+            # complex solutions and solutions at infinity.
             words = (
-                f"{statement}; all solutions of each system of equations proven, "
-                f"with those at infinity of at most {self.mode_bound}; {arithmetic}"
+                f"{statement}; all solutions of each system of equations proven, those at "
+                f"infinity included; at most {self.mode_bound} complex solutions for the "
+                f"whole mechanism; {arithmetic}"
             )
         elif self.is_complete:
             words = (
@@ -494,17 +496,19 @@ class _RootSearch:
         """Divide the space of the unknown angles into boxes, to exclude further real roots.
 
         A root is a solution of the equations of the mechanism. A box is done if an equation
-        cannot be zero in it, or if it is inside the neighbourhood of a proven root, which
-        contains no second root. In the other boxes a new root is searched, proven and added
-        to `roots`. Boxes that are not done are halved.
+        cannot be zero in it. It is also done if it is inside the neighbourhood of a proven
+        root, which contains no second root. In other boxes a new root is searched, and is
+        added to `roots` if it is proven. Boxes that are not done are halved. If no box
+        stays undecided, no real root is missing in `roots`.
 
         Returns
         -------
         The number of boxes that were examined, and the boxes that stay undecided.
         """
         unknown_count = self.equations.unknown_count
-        # Given angles have one value. With a tolerance of the sizes, the angles of wheels
-        # have errors, over which they range.
+        # Known angles are those of inputs, and of pairs that inputs drive through wheels.
+        # The angles of such pairs have errors if the sizes have a tolerance. The box has
+        # all possible values of an angle with an error, and one value of other angles.
         known_low = []
         known_width = []
         for angle in self.known_angles:
@@ -532,8 +536,8 @@ class _RootSearch:
         """Return a mask (n,) of boxes that are inside the neighbourhood of a proven root.
 
         Such boxes need no further search. The neighbourhood is a cube about a real root, in
-        the space of the unknown angles, with no other root in it. Half its side is `unique`
-        (rad).
+        the space of the unknown angles, with no other root in it. Half its side is the
+        attribute `unique` of the root (rad).
 
         Parameters
         ----------

@@ -43,8 +43,9 @@ class CertifiedSingularity:
     curve
         Index of the curve of configurations.
     point
-        The configuration, with an error bound of its variables. Within this bound there is
-        no other one at which the same angle is stationary.
+        The configuration, with an error bound of its variables. In no other configuration
+        within this bound is the angle of the output (type I) or of the input (type II)
+        stationary.
     """
 
     output: str
@@ -120,11 +121,14 @@ class CertifiedSingularities:
         return max(min(distances) - rounding, 0.0)
 
     def _list_critical_inputs(self) -> list[tuple[float, float]]:
-        """Return the inputs (rad) near which singularities are, each with its error (rad).
+        """Return the inputs (rad) near which singularities can be, with their errors (rad).
 
-        In singularities of types I and II an output or the input is stationary. The list
-        has these singularities, the places where curves of configurations cross or nearly
-        do (saddles), and the inputs at which a whole curve exists.
+        `clearance` computes the distance from an input to the nearest of them. They are:
+
+        - inputs of configurations in which an output (type I) or the input (type II) is
+          stationary along a curve,
+        - inputs at saddles, where curves of configurations cross or nearly cross,
+        - inputs that are constant along a whole curve.
         """
         curves = self.curves
         points = [
@@ -133,8 +137,9 @@ class CertifiedSingularities:
             for point in stationary_points.proven
         ]
         points += [singularity.point for singularity in self.singularities]
-        # The equations contain the input divided by `cycle_turns`. `input_angle` multiplies
-        # this variable by `cycle_turns`, so its errors are multiplied as well.
+        # After `cycle_turns` turns of the input all wheels are at their initial angles. The
+        # equations contain the input divided by this number. `input_angle` multiplies this
+        # variable by the number, so its errors are multiplied as well.
         critical_inputs = [
             (curves.input_angle(point.position), curves.cycle_turns * point.error)
             for point in points

@@ -97,8 +97,9 @@ class Chain:
     def may_repeat_start(self) -> bool:
         """Return whether the chain may pass through its start a second time.
 
-        The start is the centre of the first piece. A second passage would mean that
-        assembly modes are counted twice.
+        The start is the centre of the first piece (arc). A chain should go along its curve
+        once. If it went round the curve twice, the assembly modes on the curve would be
+        counted twice. The caller therefore reports a problem.
         """
         start = self.pieces[0].centre
         # Each section of the curve leads from the centre of a piece to that of the next.

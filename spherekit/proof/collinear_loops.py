@@ -399,8 +399,8 @@ def _find_arc_text(
 ) -> str | None:
     """Return the arc between two pair axes of a link as the decimal text of the file.
 
-    The text has no rounding error. The file lists the arcs from the first axis of a link to
-    each other axis, so arcs between two other axes are not found.
+    The caller makes an exact fraction of the text. The file lists the arcs from the first
+    axis of a link to each other axis, so arcs between two other axes are not found.
 
     Parameters
     ----------
@@ -433,8 +433,10 @@ def _planar_angles(
 ) -> tuple[PlanarAngle, PlanarAngle]:
     """Return the two angles of a joint with the arcs of both its links in one plane.
 
-    The neighbouring axis on each link has an azimuth about the joint axis. The angles
-    follow from both azimuths. The angles are balls (numbers with a bound of their error).
+    The caller combines such angles of two joints to find the ways in which the whole loop
+    closes in one plane. Each link of the joint has another axis in the loop, the
+    neighbouring axis. This axis has an azimuth about the joint axis. The angles follow from
+    both azimuths. The angles are balls (numbers with a bound of their error).
 
     Parameters
     ----------
@@ -459,9 +461,10 @@ def _planar_angles(
         link_before: _azimuth_in_link(equations, link_before, pair, pairs[joint - 1]),
         link_after: _azimuth_in_link(equations, link_after, pair, pair_after),
     }
-    # The joint angle turns the second link relative to the first. So, seen in the first
-    # link, the azimuth of the second link's axis is its own azimuth plus the joint angle.
-    # The arcs are on the same side if it equals the azimuth of the first link's axis.
+    # In its own link, the neighbouring axis of the first link has the azimuth a1, and that
+    # of the second link a2. The joint angle q turns the second link relative to the first.
+    # So, seen from the first link, the axis of the second link has the azimuth a2 + q. The
+    # arcs are on the same side if a2 + q = a1.
     first_link, second_link = equations.decimal_mechanism.structure.ends[pair]
     same_side = azimuth_by_link[first_link] - azimuth_by_link[second_link]
     return (
@@ -624,19 +627,19 @@ class Crossings:
     ) -> Array | None:
         """Return a configuration near a position, on a curve with a constant variable.
 
-        The equation of the loop contains two variables. Such a curve exists if, at some
-        value of the first variable, the loop stays closed for all values of the second
-        variable.
+        The equation of the loop contains two variables, x and y. At certain values of x,
+        the loop is closed for all values of y. The mechanism can then move along a curve of
+        configurations while x stays constant. With the returned configuration, the caller
+        proves that a given curve is of this kind.
 
         Parameters
         ----------
         loop
             The loop of four pairs. The two variables are the angles of two of its pairs.
         variable
-            Index of the variable that is constant along the curve.
+            Index of the variable x that is constant along the curve.
         position
-            (v,) values (rad) of all variables. The other variable of the loop keeps its
-            value.
+            (v,) values (rad) of all variables. The variable y keeps its value.
 
         Returns
         -------
@@ -645,10 +648,10 @@ class Crossings:
         """
         other_variable = loop.other_variable(variable)
         other_angle = exact_ball(position[other_variable])
-        # The constant values of one variable at which the second variable is free.
+        # The values of x at which the loop is closed for all y.
         for angle in loop.angles_that_free_other_variable(variable):
-            # The equation of this loop is satisfied. The equations of other loops determine
-            # the remaining variables.
+            # With these x and y the equation of this loop holds. The equations of the other
+            # loops determine the remaining variables.
             given = {variable: angle, other_variable: other_angle}
             balls = complete_configuration(self.equations, loop.equation, given, position)
             if balls is not None:
@@ -668,14 +671,15 @@ class Crossings:
         1. Let F_i = 0 be the equation of the loop. A reflection in the plane of the loop
            changes the signs of all small changes of its angles, but not F_i. So the first
            derivatives of F_i are 0 in the planar configuration.
-        2. If l_i were 0, the equation F_i = l_i g would not restrict small motions. The
-           equations would not give a smooth surface then. So l_i is not 0. F_i = l_i g then
-           says that both slopes of g are 0, too.
-        3. The planar configuration is therefore the saddle point of g, with g = 0. Two
-           curves g = 0 cross at such a point.
+        2. The surface is smooth because the equations F_i - l_i g = 0 have independent
+           derivatives with respect to the variables and g. By step 1, only -l_i is left of
+           the derivatives of the loop's equation. So l_i is not 0.
+        3. On the surface g = F_i / l_i. The derivatives of F_i are 0, so both slopes of g
+           are 0, too. The planar configuration is therefore the saddle point of g. It is a
+           configuration, so g = 0. Two curves g = 0 cross at a saddle point with g = 0.
         """
         for configuration in self._find_planar_configurations(box.centre):
-            # A configuration near the centre is in the box.
+            # `_is_near_centre` proves that the configuration is in the box.
             if _is_near_centre(configuration, box):
                 return True
         return False

@@ -213,7 +213,9 @@ class CertifiedCurves:
     def undecided_ranges(self) -> list[tuple[float, float]]:
         """Parts (low, high) rad of the input's range in which modes cannot be counted.
 
-        There are three reasons:
+        A mode is a way to assemble the mechanism. The number of modes can change where the
+        input is stationary along a configuration curve, because the curve turns back there.
+        There are three reasons why modes cannot be counted:
 
         - The search left a box of configuration space undecided.
         - It is not decided whether the input is stationary near a saddle, a place where
@@ -231,6 +233,8 @@ class CertifiedCurves:
             low = self.input_angle(centre - half_widths)
             high = self.input_angle(centre + half_widths)
             ranges.append((low, high))
+        # For each saddle the half width of the range of the input's variable in which the
+        # input may be stationary, 0 if nothing is undecided.
         saddle_doubts = self.bound_saddle_doubts(self.input_variable)
         for saddle, variable_error in zip(self.saddles, saddle_doubts, strict=True):
             if variable_error > 0.0:
@@ -458,10 +462,10 @@ class CertifiedCurves:
     def intervals(self) -> list[ModeInterval]:
         """The parts of the range of the input, each with its number of assembly modes.
 
-        An assembly mode is one way to assemble the mechanism at an input, that is a point
-        of a configuration curve. The range is cut where the number can change
-        (`_find_cuts`). Undecided parts, in which modes may be missing, are left out. The
-        list is empty if one curve may have been found twice, because its modes would be
+        An assembly mode is one way to assemble the mechanism at a given value of the input.
+        Each mode is a point of a configuration curve. The range is cut where the number can
+        change (`_find_cuts`). Undecided parts, in which modes may be missing, are left out.
+        The list is empty if one curve may have been found twice, because its modes would be
         counted twice.
         """
         if OVERLAPPING in self.problems:
@@ -582,14 +586,16 @@ def _list_positions(chain: Chain, points: StationaryPoints) -> list[Floats]:
     """Return the centres of the pieces of a chain, and its stationary points, in order.
 
     A chain stores a configuration curve as a row of boxes. Each box contains one arc
-    (piece) of the curve.
+    (piece) of the curve. A variable, such as that of the input, is stationary where its
+    rate along the curve is zero. Between two neighbouring positions it is monotonic, so the
+    caller can count how often it passes a value.
 
     Parameters
     ----------
     chain
-        The chain. If it is closed, the first centre is repeated as the last position.
+        The chain. The positions on a closed chain end with the first centre once more.
     points
-        Configurations in which a variable is stationary, proven or undecided.
+        Configurations in which the variable is stationary, proven or undecided.
 
     Returns
     -------
@@ -751,9 +757,10 @@ class _InputVariableRange:
     Attributes
     ----------
     start, end
-        Ends of the variable (rad).
+        Smallest and largest value of the variable in the range (rad).
     is_full_cycle
-        Whether the ends are exactly one turn apart, so that the range has no ends.
+        Whether `start` and `end` are exactly one turn apart. Then every angle is in the
+        range.
     """
 
     start: float
@@ -804,8 +811,9 @@ def _search_curves(
     """Search the whole range of the input for curves of configurations.
 
     The space of all variables is divided into boxes. If a box is not proven to be empty, a
-    configuration near it is searched, and the curve through it is followed. Boxes inside
-    the boxes of known curves are done.
+    configuration in or near the box is searched. The curve through this configuration is
+    then followed, and stored with boxes around its arcs. A box that lies inside such a box
+    of a known curve is not examined further.
 
     Parameters
     ----------

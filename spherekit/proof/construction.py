@@ -191,11 +191,12 @@ class Construction:
 
     @cached_property
     def placements(self) -> dict[int, LinkPlacement]:
-        """By link index: its reference link, and the degrees of its orientation.
+        """The placement of each link, by the index of the link.
 
-        The orientation of a link, relative to a link placed before (its reference), is a
-        trigonometric polynomial in the variables. Such a polynomial has one degree in each
-        variable. The degrees of the closure equations follow from these degrees.
+        A placement has the reference of the link: a link placed before. The elements of the
+        rotation matrix of the link, relative to its reference, are trigonometric
+        polynomials in the variables (angles). The placement also has the degree of these
+        polynomials in each variable. The degrees of the closure equations follow from it.
         """
         no_degrees = np.zeros(len(self.pairs), dtype=np.intp)
         placements = {self.root: LinkPlacement(self.root, no_degrees)}
@@ -396,8 +397,8 @@ def find_construction(
     """Return the best order of placing the links for a proof, with its equations.
 
     A link that one pair (joint) joins to links placed before rotates by the angle of this
-    pair, which is a variable. A link that two pairs join is put on both axes. This gives an
-    equation: the arc between the axes equals the arc of the link.
+    pair, which is a variable. If two pairs join a link to links placed before, both axes
+    are known. This gives an equation: the arc between the axes equals the arc of the link.
 
     The best order has the most preferred pairs as variables. Among such orders, it has the
     lowest bound of the number of complex solutions (`mode_bound`).
@@ -558,7 +559,8 @@ def _find_constructions(graph: PairGraph) -> Iterator[Construction]:
 
     Links that are joined by pairs (joints) with given angles form a rigid body. Bodies are
     placed one by one, and in each body its links. Orders with unsolvable equations are left
-    out. At most `MAX_COMPARED_ORDERS` orders are tried.
+    out. At most `MAX_COMPARED_ORDERS` orders are tried. `find_construction` chooses the
+    best of them.
     """
     body_of_link = graph.find_bodies()
     joined_bodies = graph.find_joined_bodies(body_of_link)

@@ -70,11 +70,12 @@ class ArmUse:
     input_sign: int
 
     def leads_out(self, side: int) -> bool:
-        """Return whether the arm leads farther away from the range of the input.
+        """Return whether the arm is proven to lead away from the range of the input.
 
-        An arm is a branch of a curve that leaves a crossing. `side` says where the arm
-        is: 1 above the range, -1 below it, 0 within it. Above the range the input must grow
-        along the arm, below the range it must decrease. Within it the result is False.
+        Only an arm that leads away from the range needs no known curve. `side` says where
+        the arm is: 1 above the range, -1 below it, 0 within it. Above the range the input
+        must grow along the arm. Below the range it must decrease. Within the range the
+        result is False.
         """
         return self.input_sign * side > 0
 
@@ -132,11 +133,11 @@ class CurveSearch:
     def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return a mask (n,) of boxes proven to be inside the box of a known arc or saddle.
 
-        All configurations in such a box are on known curves, so it need not be searched. A
-        known arc is the only arc in an oriented box. The sides of this box are along the
-        tangent and normals of the arc. A saddle is a place where curves cross or nearly do,
-        and has an oriented box. Only arcs with the nearest centres are tried, so some boxes
-        may not be recognised.
+        All configurations in such a box are on known curves, so it need not be searched.
+        Each known arc has an oriented box, which contains no other part of a curve. The
+        sides of this box are along the tangent and the normals of the arc. A saddle is a
+        place where curves cross or nearly do. It has an oriented box, too. Only arcs with
+        the nearest centres are tried, so some boxes may not be recognised.
 
         Parameters
         ----------
@@ -283,7 +284,8 @@ class CurveSearch:
         The curve may lead to saddles, places where curves cross or nearly do. New saddles
         are added, and chains through them are cut there.
         """
-        # The point itself is tested, so the error is 0.
+        # The second argument is the error of the configuration. Here the given point itself
+        # is tested, so the error is 0.
         if self._is_known(position, 0.0):
             return
         saddle_count = len(self.crossings.saddles)
@@ -295,8 +297,9 @@ class CurveSearch:
         if first is None or self._is_known(first.centre, first.centre_error):
             return
         # Follow the curve until it closes, leaves the range of the input, or ends at a
-        # saddle. `self.side` says whether an input is below (-1), in (0) or above (1) the
-        # range. The result is None if the first arc turns out to be at a saddle.
+        # saddle. The function `self.side` says whether an input is below (-1), in (0) or
+        # above (1) the range. The result is None if the first arc turns out to be at a
+        # saddle.
         chain = find_chain(self.equations, first, self.side, self.crossings)
         if chain is not None:
             other_chains = self.chains
@@ -475,10 +478,16 @@ class CurveSearch:
         """Return a chain of one arc for an arm that leaves the range of the input.
 
         A chain is a configuration curve as a row of arcs. An arm is one of the four
-        branches of curves that leave a saddle, a box where curves cross or nearly do. The
-        arc of the result is a part of the arm near the border of this box. The result is
-        None if no arc is proven, if the arc is in the range, or if the arm may lead back to
-        the range.
+        branches of curves that leave a saddle, a box where curves cross or nearly do. Modes
+        are counted by chains, so every arm should have one. An arm without a chain may
+        leave the range of the input inside the box, where no curve can be followed.
+
+        The arc of the result is a part of the arm near the border of the box. The result is
+        None in three cases:
+
+        - No arc is proven.
+        - The arc is in the range.
+        - It is not proven that the input moves farther away from the range along the arm.
         """
         piece = self._find_piece_on_arm(use)
         if piece is None:
@@ -488,7 +497,7 @@ class CurveSearch:
         # 1 if the arc is above the range of the input, -1 below, 0 within.
         no_margin = 0.0
         side_of_range = self.side(input_variable, no_margin)
-        # Whether the arc is outside the range, and the input moves farther away along it.
+        # An arc within the range, or an arm that may lead back to the range, is refused.
         if not use.leads_out(side_of_range):
             return None
         return Chain((piece,), closed=False)

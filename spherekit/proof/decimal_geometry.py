@@ -245,6 +245,9 @@ class DecimalGeometry:
     def circle_contact(self, contact: int) -> CircleContact:
         """Return the two touching circles of a contact pair of the file.
 
+        Proofs derive from them the link that replaces a sliding contact, or the equation of
+        two rolling wheels.
+
         The file describes the circles as bevel gears (shafts, with teeth or half angles of
         the cones), or as profiles (centre and radius of each). All numbers are balls
         (numbers with a bound of their error).
@@ -273,6 +276,7 @@ class DecimalGeometry:
         else:
             sines = [circle.radius.sin() for circle in circles]
         return CircleContact(
+            # In these frames the azimuths of contact points about the centres are measured.
             frames=[azimuth_frame(circle.centre) for circle in circles],
             radii=[circle.radius for circle in circles],
             sines=sines,
@@ -417,11 +421,11 @@ class DecimalGeometry:
     def _profile_circle(
         self, table: Mapping[str, Any], link: str, frames: Frames
     ) -> _ContactCircle:
-        """Return the circle along which a link touches another one, from the file.
+        """Read from the mechanism file the circle along which a link touches another one.
 
-        Numbers are balls (numbers with error bounds). The file gives the centre as a
-        direction or by the name of a revolute pair. It gives the radius of a roller or of a
-        profile.
+        The numbers of the circle are balls (numbers with error bounds). The file gives the
+        centre as a direction or by the name of a revolute pair. The radius in the file is
+        that of a roller or of the profile (contact curve) of the link.
 
         Parameters
         ----------

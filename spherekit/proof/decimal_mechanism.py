@@ -98,11 +98,12 @@ class DecimalMechanism(DecimalGeometry):
     rolled_lengths: Sequence[Sequence[float]] = ()
 
     def pair_frames(self) -> list[tuple[Frame, Frame]]:
-        """Return the frames of every pair of the structure in its two links.
+        """Return two frames for every pair of the structure: one in each of its two links.
 
-        The structure is the mechanism without sizes: its revolute pairs, then two pairs for
-        each coupler. A coupler is a link that replaces a sliding contact of two circles.
-        Revolute pairs join it to both links at the centres of the circles.
+        The structure says which links the pairs join, without sizes. Its pairs are the
+        revolute pairs of the mechanism, then two for each coupler. A coupler is a link that
+        replaces a sliding contact of two circles. Revolute pairs join it to both links at
+        the centres of the circles.
 
         A frame (3, 3) has three unit vectors x, y and z as rows. z is the axis of the pair,
         and the pair angle is counted from x. All numbers are balls (numbers with a bound of
@@ -125,15 +126,20 @@ class DecimalMechanism(DecimalGeometry):
     def known_angles(self, inputs: Sequence[Ball]) -> list[Ball]:
         """Return the angles (rad) of the inputs, then the angles of the followers.
 
-        Followers are the pairs (joints) that the inputs drive through wheels. Each mesh,
-        two wheels that roll on each other, gives one linear equation of pair angles:
+        Followers are the pairs (joints) that the inputs drive through wheels. A mesh is two
+        wheels that roll on each other, and a carrier: the link that carries both. The first
+        wheel has the angular radius r1 and turns by a1 relative to the carrier, the second
+        one has r2 and turns by a2. In external contact one of these angles is counted in
+        the opposite sense. Both wheels roll the same length, so
+
+            sin(r1) a1 - sin(r2) a2 = constant.
+
+        Numbers of teeth can replace the sines, because they have the same ratio. Each angle
+        a1 or a2 is a signed sum of the angles of the revolute pairs between wheel and
+        carrier. So each mesh gives one linear equation of pair angles, and all meshes
+        together give
 
             relations @ angles = constants.
-
-        The wheels turn by some angles relative to the link that carries both. Both wheels
-        roll the same length: the angle of a wheel times the sine of its angular radius. The
-        angle of a wheel is a signed sum of the angles of the revolute pairs between wheel
-        and carrier.
 
         Parameters
         ----------
@@ -145,9 +151,9 @@ class DecimalMechanism(DecimalGeometry):
             return [*inputs]
         structure = self.structure
         relations = self._mesh_relations()
-        # The equations hold in the start position of the wheels, which gives the constants.
-        # A file has either a reference pose, with the pair angles in it, or the lengths at
-        # which the wheels touch if all pair angles are 0.
+        # The constants follow from one position of the wheels that the file describes. This
+        # is either a reference pose with its pair angles, or the position in which all pair
+        # angles are 0. For the latter, the lengths rolled by the wheels are computed.
         if isinstance(self.mechanism.geometry, PoseGeometry):
             constants = self._constants_from_pose(relations)
         else:
@@ -449,8 +455,9 @@ def read_decimals(
         )
     if document is None:
         document = parse(dumps(mechanism), mechanism.name)
-        # The written file must describe the same mechanism. Data of the user can change,
-        # for example from tuples to lists, so mechanisms with such data are not compared.
+        # The written file must describe the same mechanism. Writing and reading can change
+        # data of the user (table "user"), for example from tuples to lists. So mechanisms
+        # with such data are not compared.
         has_user_data = bool(mechanism.user)
         assert has_user_data or read(document) == mechanism
     decimal_mechanism = DecimalMechanism(mechanism, document, tolerance, structure)

@@ -309,12 +309,14 @@ def _select_derivative(
 ) -> Array:
     """Return the value or one derivative from the result of `_sum_waves`.
 
+    `_sum_waves` computes Fourier sums of several variables with their derivatives.
+
     Parameters
     ----------
     sums
-        Values and derivatives. The first axes belong to the variables, one axis to each.
-        The index on such an axis is the order of the derivative with respect to this
-        variable.
+        Values and derivatives of the Fourier sums. The first axes belong to the variables,
+        one axis to each. The index on such an axis is the order of the derivative with
+        respect to this variable.
     variable_count
         Number of these variables.
     *variables

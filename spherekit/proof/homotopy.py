@@ -250,8 +250,8 @@ def _draw_factor_roots(
     """
     factor_roots = []
     for coefficients in polynomials.coefficients:
-        # The first axis numbers sets of coefficients. Each other axis has the powers of one
-        # unknown, from 0 to its degree.
+        # The first axis numbers sets of coefficients; here there is one set. Each other
+        # axis has the powers of one unknown, from 0 to its degree.
         roots_of_unknowns = []
         for power_count in coefficients.shape[1:]:
             degree = power_count - 1

@@ -71,18 +71,20 @@ PairFunction = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class PairKinematics:
-    """Functions of how the second link of a pair (joint) rotates relative to the first.
+    """Two functions of the variables of a pair (joint): a rotation and a direction.
 
-    Both take the values (n, variables) of the variables of the pair.
+    Both functions take the values (n, variables) of the variables of the pair. Link
+    orientations and directions of pairs are computed from their results.
 
     Attributes
     ----------
     rotation
-        Returns rotations (n, 3, 3) from the axes of the second link to the axes of the
-        first.
+        Returns the rotation of the second link relative to the first: matrices (n, 3, 3)
+        from the axes of the second link to the axes of the first.
     axis
-        Returns unit vectors (n, 3) in the axes of the first link: the axis of an R pair,
-        the contact point of a contact.
+        Returns the direction of the pair: unit vectors (n, 3) in the axes of the first
+        link. The direction of an R pair is its axis. A contact has no axis, so its
+        direction is that from the centre of the sphere to the contact point.
     """
 
     rotation: PairFunction
@@ -101,12 +103,13 @@ def _revolute_kinematics(first: Array, second: Array) -> PairKinematics:
 def _contact_kinematics(
     curves: Sequence[Curve], variables: tuple[int, int], starts: Array
 ) -> PairKinematics:
-    """Return functions for the rotation and the axis of a contact pair of two profiles.
+    """Return functions for the rotation and the direction of a contact of two profiles.
 
     The profile (rim) of each link is a curve: a function of arc lengths (n,) that returns
     frames (n, 3, 3) with the columns tangent, normal and point. At the contact both frames
     coincide, so the rotation from the second to the first link is (first frame) (second
-    frame)^T. The axis of the pair is the direction of the contact point.
+    frame)^T. A contact has no axis. In place of it, `PairKinematics.axis` returns the
+    direction of the contact point.
 
     Parameters
     ----------
@@ -172,15 +175,20 @@ def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
 
 
 def _newton_step_to_identity(rotation: PairFunction, variables: Array) -> Array:
-    """Return the Newton step (m,) of pair variables that makes a rotation the identity.
+    """Return the Newton step (m,) of the variables of a contact towards touching profiles.
 
-    The error of a rotation is its axis times the sine of its angle. For small rotations,
-    its derivatives with respect to the variables are the angular velocities at unit rates.
+    The rotation of the contact leads from its second link to its first. It depends on the
+    m variables of the contact, and is the identity where the profiles touch. The step makes
+    the rotation the identity, to first order.
+
+    The residual of Newton's method is the axis of the rotation times the sine of its angle.
+    If this angle is small, the derivatives of the residual with respect to the variables
+    are the angular velocities at unit rates.
 
     Parameters
     ----------
     rotation
-        Function that returns the rotation of the pair at given variables.
+        Function that returns the rotation of the contact at given variables.
     variables
         (m,) present values of the pair variables, in balls (numbers with error bounds).
     """
@@ -422,6 +430,8 @@ class Linkage:
     def place_links(self, values: Array) -> tuple[Array, Array]:
         """Return the orientations of all links, and the closure errors of the loops.
 
+        The closure errors tell whether the pair variables belong to a configuration.
+
         Links are placed from the ground on, each across one pair (joint). Every other pair
         closes a loop. The product of the rotations around a loop is the identity if the
         loop is closed.
@@ -493,15 +503,16 @@ class Linkage:
     def variable_vectors(self, values: Array, orientations: Array) -> Array:
         """Return for each variable the angular velocity of its pair (joint) at unit rate.
 
-        The other variables rest. The velocity is that of the second link of the pair
-        relative to the first: for a revolute pair the axis, for a contact the derivative of
-        its rotation.
+        The closure Jacobian is computed from these vectors. The other variables rest. The
+        velocity is that of the second link of the pair relative to the first. For a
+        revolute pair it is the axis. For a contact it follows from the derivative of the
+        rotation matrix.
 
         Parameters
         ----------
         values
-            (n, variables) pair variables (rad). The variables are balls: numbers with a
-            bound of their error.
+            (n, variables) pair variables (rad), in balls (numbers with a bound of their
+            error).
         orientations
             (n, links, 3, 3) rotations from link axes to ground axes.
 
@@ -510,8 +521,8 @@ class Linkage:
         (n, variables, 3) in ground axes.
         """
         vectors = []
-        # `stated_pair` is the pair as in the file, `pair` has functions to compute in
-        # balls.
+        # `stated_pair` is the pair as in the file. `pair` has functions that compute its
+        # kinematics in balls.
         for stated_pair, pair in zip(self.mechanism.pairs, self._pairs, strict=True):
             pair_values = values[:, pair.variables]
             is_revolute = stated_pair.profiles is None
@@ -534,7 +545,8 @@ class Linkage:
         Parameters
         ----------
         vectors
-            (n, variables, 3) angular velocity of each pair at unit rate of the variable.
+            (n, variables, 3) angular velocity of each pair at unit rate of the variable, in
+            ground axes.
         rates
             (n, variables) rates of the variables.
 
@@ -711,7 +723,8 @@ def _find_loop_senses(
 
     A loop runs from the ground to the first link of the pair that closes it, over this pair
     to its second link, and back to the ground. The sense is 1 from the first to the second
-    link of a pair. The result has the shape (loops, pairs).
+    link of a pair. The result has the shape (loops, pairs). The derivative of the closure
+    error of a loop with respect to the variable of a pair has the sense as a factor.
 
     Parameters
     ----------
@@ -821,6 +834,8 @@ def left_inverses(matrices: Array) -> tuple[Array, Floats]:
 
 def _approximate_left_inverse(matrix: Array, bits: int) -> Array | None:
     """Return the left inverse (A^T A)^-1 A^T of a matrix A, None if A^T A is singular.
+
+    The result is an approximation without an error bound.
 
     A^T A is computed with more than twice as many bits as A has, since its condition number
     is the square of the condition number of A.

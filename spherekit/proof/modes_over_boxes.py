@@ -441,10 +441,14 @@ class EquationSystem:
     ) -> tuple[Floats, Complexes]:
         """Return values of the given variables at which all roots are known, and the roots.
 
-        The caller follows the roots from these values to the requested ones. A root is one
-        solution of the equations: complex numbers e^(i angle) of the k unknown angles.
-        `solved` stores values at which all roots are known. The nearest of them are used.
-        If none are near, a homotopy computes all roots at the requested values.
+        The given variables are the inputs and the angles that other systems of equations
+        have determined. A root is one solution of the equations: complex numbers
+        e^(i angle) of the k unknown angles. The caller follows the roots from the returned
+        values to the requested ones.
+
+        `solved` stores sets of values at which all roots are known. The set nearest to the
+        requested values is used. If none is near, a homotopy computes all roots at the
+        requested values.
 
         Parameters
         ----------
@@ -458,8 +462,8 @@ class EquationSystem:
         values
             (given,) values (rad) of the given variables at which the roots are known.
         roots
-            (roots, k) e^(i angle) of the unknowns in all roots. Their number is `bound`,
-            the largest number that the system can have.
+            (roots, k) e^(i angle) of the unknowns in all roots. The number of roots is
+            `bound`, the largest number of roots that the system of equations can have.
         """
         if len(solved_points):
             # Comparing cosines and sines ignores whole turns of the angles.
@@ -636,8 +640,10 @@ def _bound_angle_deviation(
         z - z0 = linear motion + deviation,   where |deviation| <= tube radius.
 
     So the angle deviates from linear motion by at most (tube radius) / ``|z0|``, plus the
-    remainder. The tube radius includes the error of z0. The function adds margins, mainly
-    for rounding.
+    remainder. The tube radius includes the error of z0.
+
+    Two margins are added for rounding. A third one, the difference of ``|z0|`` from 1, only
+    makes the bound larger. The bound is valid without it.
 
     Parameters
     ----------
@@ -660,9 +666,8 @@ def _bound_angle_deviation(
     tube_deviation = tubes.tube_radius[:, np.newaxis] / magnitude
     relative_change = tubes.displacement / magnitude
     logarithm_remainder = _bound_logarithm_remainder(relative_change)
-    # An additional margin. The tube radius already covers the error of z0, so the bound is
-    # valid without it. The exact z of a real root has the magnitude 1, so a difference
-    # from 1 is an error of z0.
+    # The third margin. The exact z of a real root has the magnitude 1, so a difference of
+    # |z0| from 1 is an error of z0. The tube radius already covers this error.
     magnitude_error = np.abs(magnitude - 1.0)
     # These allowances are far larger than the rounding errors (relative error 1.1e-16,
     # angles below pi). The factor 1.05 covers the rounding of the first two terms.

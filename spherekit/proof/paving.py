@@ -126,12 +126,16 @@ def _choose_weights(slopes: Floats) -> Floats:
 
 
 def _bound_rounding_of_sums(values: Floats, slopes: Floats, radii: Floats) -> Floats:
-    """Return bounds (n, k) of the rounding errors of weighted sums of equations.
+    """Return the share (n, k) of each equation in the rounding error of a weighted sum.
 
     A caller multiplies k equations by weights and adds them up, to test whether a box can
-    contain a solution. Two products are rounded for each equation. One is the weight times
-    the value at the centre of the box. The other is the weight times the linear change over
-    the box. The bounds are for a weight of 1. The caller multiplies them by the weights.
+    contain a solution. Two sums are computed in this way: that of the values at the centre
+    of the box, and that of the derivatives there. The rounding error of a sum, including
+    its multiplications and additions, is at most `PRODUCT_ROUNDING` times the sum of the
+    magnitudes of its terms. The error of the derivatives is multiplied by the half widths.
+
+    The share of an equation is for a weight of 1. The caller multiplies the shares by the
+    magnitudes of the weights, and adds up the k products to one bound for each sum.
 
     Parameters
     ----------

@@ -76,18 +76,19 @@ class SurfaceDerivatives:
 
     Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
     mechanism in n variables z. Near a crossing of curves, the derivatives F' are nearly
-    singular: l F' is nearly 0 for a constant unit vector l. The equations are therefore
-    replaced by F(z) = g l with a new unknown number g, called the level.
+    singular: l F' is nearly 0 for a constant unit vector l. So small changes of z hardly
+    change the component of F along l. The equations F(z) = g l leave this component free.
+    Its value g is a new unknown number, the level.
 
-    These n - 1 equations have n + 1 unknowns. u and v are two coordinates of z, linear
-    functions of z. The values of u and v are given as two more equations. Then z and g are
+    These n - 1 equations have n + 1 unknowns, z and g. Two more equations give the values
+    of two coordinates u and v of z, which are linear functions of z. Then z and g are
     determined, so they are functions of u and v. The points z form a surface. The
     configurations are the points of the surface with g = 0.
 
     Attributes
     ----------
     variable_rates
-        (n, 2) derivatives of the variables with respect to u and v.
+        (n, 2) derivatives of the variables z with respect to u and v.
     gradient
         (2,) derivatives of g with respect to u and v.
     correction
@@ -106,15 +107,16 @@ class SurfaceDerivatives:
 
 @dataclass(frozen=True)
 class SurfaceCurvatures:
-    """Second derivatives of z and the number g with respect to u and v, as balls.
+    """Second derivatives of a surface of positions near a loss of rank, as balls.
 
     Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
     mechanism in n variables z. Near a crossing of curves, the derivatives F' are nearly
-    singular: l F' is nearly 0 for a constant unit vector l. The equations are therefore
-    replaced by F(z) = g l with a new unknown number g, called the level.
+    singular: l F' is nearly 0 for a constant unit vector l. So small changes of z hardly
+    change the component of F along l. The equations F(z) = g l leave this component free.
+    Its value g is a new unknown number, the level.
 
-    These n - 1 equations have n + 1 unknowns. u and v are two coordinates of z, linear
-    functions of z. The values of u and v are given as two more equations. Then z and g are
+    These n - 1 equations have n + 1 unknowns, z and g. Two more equations give the values
+    of two coordinates u and v of z, which are linear functions of z. Then z and g are
     determined, so they are functions of u and v. The points z form a surface. The
     configurations are the points of the surface with g = 0.
 
@@ -125,12 +127,14 @@ class SurfaceCurvatures:
     Attributes
     ----------
     variable_curvatures
-        (n, 2, 2) second derivatives of the variables.
+        (n, 2, 2) second derivatives of the variables z with respect to u and v.
     hessian
-        (2, 2) second derivatives of g.
+        (2, 2) second derivatives of g with respect to u and v.
     gradient_correction
-        (2,) change of the gradient of g by a step of Newton's method with constant u and v.
-        The step leads from a given point z beside the surface to the surface.
+        (2,) change of the gradient of g between two points. The first one is the point z at
+        which the derivatives are computed. It may be a little beside the surface. A step of
+        Newton's method with constant u and v leads to the second point, on the surface. The
+        gradient at the first point plus this change is nearly the gradient on the surface.
     """
 
     variable_curvatures: Array
@@ -140,18 +144,18 @@ class SurfaceCurvatures:
 
 @dataclass(frozen=True)
 class ReducedEquation:
-    """The reduced equation g(u, v) = 0 about a centre where F' nearly loses a rank.
+    """The reduced equation: one equation in two coordinates, near a crossing of curves.
 
-    F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. At the centre, the
-    derivatives F' are nearly singular: l F' is nearly 0 for a constant unit vector l. The
-    equations are therefore replaced by F(z) = g l with a new unknown number g, and two
-    coordinates u = a . (z - c) and v = b . (z - c), with the centre c, are given. The n + 1
-    equations
+    F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. At a centre c, the
+    derivatives F' are nearly singular: l F' is nearly 0 for a constant unit vector l. So
+    small changes of z hardly change the component of F along l. The equations F(z) = g l
+    leave this component free. Its value g is a new unknown number, the level. Two linear
+    functions u and v of z are given as well, with unit vectors a and b. The n + 1 equations
 
         F(z) = g l,   a . (z - c) = u,   b . (z - c) = v
 
-    then define the n variables z and the number g. The configurations F(z) = 0 are the
-    zeros of g(u, v) (Lyapunov-Schmidt reduction).
+    define the n variables z and the number g as functions of u and v. The configurations
+    are the points z with g(u, v) = 0, the reduced equation (Lyapunov-Schmidt reduction).
 
     Attributes
     ----------
@@ -172,12 +176,13 @@ class ReducedEquation:
     left_null_vector: Floats
 
     def split_residual(self, position: Array) -> tuple[Ball, Array]:
-        """Split the equations F at a position z: F(z) = g l + residual.
+        """Split the error of the equations at a position into a level and a residual.
 
-        F are the equations of a mechanism near a crossing of curves. There small changes of
-        z hardly change the component g of F along a constant unit vector l
-        (`left_null_vector`). The residual has nearly no component along l, so a step of
-        Newton's method can remove the residual.
+        F(z) = 0 are the equations of a mechanism in the variables z. Near a crossing of
+        curves, small changes of z hardly change the component of F along a constant unit
+        vector l (`left_null_vector`). The level g is this component: F(z) = g l + residual.
+        The residual has nearly no component along l, so a step of Newton's method can
+        remove it.
 
         Parameters
         ----------
@@ -204,14 +209,17 @@ class ReducedEquation:
     def differentiate(
         self, positions: Array, residual: Array | None = None
     ) -> SurfaceDerivatives:
-        """Return the first derivatives of z and g with respect to u and v.
+        """Return the first derivatives of a surface of positions, and of the level on it.
+
+        A proof about a saddle of the level needs the gradient of the level.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). The equations are therefore
-        replaced by F(z) = g l, with a new unknown number g and given values of two
-        coordinates u and v of z. These determine z and g, which are thus functions of u and
-        v. Where g(u, v) is 0, z is a configuration.
+        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
+        change the component of F along l. The equations F(z) = g l leave this component
+        free. Its value g is a new unknown number, the level. With given values of two
+        coordinates u and v of z, these equations determine z and g as functions of u and v.
+        The points z form a surface. Where g(u, v) is 0, z is a configuration.
 
         u and v are the coordinates along the first two columns of `frame`. If F(z) = g l
         has an error, the result also contains the step of Newton's method that removes this
@@ -241,18 +249,24 @@ class ReducedEquation:
     def differentiate_twice(
         self, positions: Array, residual: Array
     ) -> tuple[SurfaceDerivatives, SurfaceCurvatures]:
-        """Return the first and second derivatives of z and g with respect to u and v.
+        """Return the first and second derivatives of a surface of positions and its level.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). The equations are therefore
-        replaced by F(z) = g l, with a new unknown number g and given values of two
-        coordinates u and v of z. These determine z and g, which are thus functions of u and
-        v. Where g(u, v) is 0, z is a configuration.
+        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
+        change the component of F along l. The equations F(z) = g l leave this component
+        free. Its value g is a new unknown number, the level. With given values of two
+        coordinates u and v of z, these equations determine z and g as functions of u and v.
+        The points z form a surface. Where g(u, v) is 0, z is a configuration.
 
-        The given z has an error F(z) - g l. A step of Newton's method, with constant u and
-        v, removes this error. The results also say by how much the step changes z and g,
-        and the derivatives of g with respect to u and v (`gradient_correction`).
+        Curves g(u, v) = 0 can cross only where the gradient of g is 0. All derivatives
+        serve to find this point. The second ones also show whether g has a saddle there.
+
+        The given z satisfies F(z) = g l only approximately. A step of Newton's method with
+        constant u and v would remove the error F(z) - g l. This method does not make the
+        step. It returns the changes of z, of g and of the gradient of g
+        (`gradient_correction`) that the step causes. Callers can include these changes in
+        their own steps and error bounds.
 
         Parameters
         ----------
@@ -284,17 +298,18 @@ class ReducedEquation:
         return _name_derivatives(first), surface_curvatures
 
     def _solve_first_order(self, slopes: Array, residual: Array) -> Array:
-        """Return a Newton step, and the derivatives of (z, g) with respect to u and v.
+        """Return a Newton step to a surface of positions, and derivatives of the surface.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). The equations are therefore
-        replaced by F(z) = g l, with a new unknown number g and given values of two
-        coordinates u and v of z. These determine z and g, which are thus functions of u and
-        v. Where g(u, v) is 0, z is a configuration.
+        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
+        change the component of F along l. The equations F(z) = g l leave this component
+        free. Its value g is a new unknown number, the level. With given values of two
+        coordinates u and v of z, these equations determine z and g as functions of u and v.
+        The points z form a surface. Where g(u, v) is 0, z is a configuration.
 
-        Up to constants, the coordinates are u = a . z and v = b . z, with constant vectors
-        a and b. Let z' and g' be the changes of z and g by Newton's step, or their
+        The coordinates are u = a . z + constant and v = b . z + constant, with constant
+        vectors a and b. Let z' and g' be the changes of z and g by Newton's step, or their
         derivatives along u or v. z' and g' solve three sets of linear equations with one
         matrix (`_border`):
 
@@ -321,29 +336,29 @@ class ReducedEquation:
         return solve_balls(self._border(slopes), right_sides)
 
     def _solve_second_order(self, slopes: Array, curvatures: Array, rates: Array) -> Array:
-        """Return second derivatives of (z, g) with respect to three parameters s, u and v.
-
-        z are the variables, and g(u, v) is a function that is 0 at configurations. The
-        first derivatives with respect to s are a step of Newton's method (see below). The
-        second derivatives of g with respect to u and v are its Hessian. Its derivatives
-        with respect to s and u, or s and v, tell how the step changes the slopes of g.
+        """Return second derivatives of a surface of positions, also along a Newton step.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). The equations are therefore
-        replaced by F(z) = g l, with a new unknown number g and given values of two
-        coordinates u and v of z. These determine z and g, which are thus functions of u and
-        v. Where g(u, v) is 0, z is a configuration.
+        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
+        change the component of F along l. The equations F(z) = g l leave this component
+        free. Its value g is a new unknown number, the level. With given values of two
+        coordinates u and v of z, these equations determine z and g as functions of u and v.
+        The points z form a surface. Where g(u, v) is 0, z is a configuration.
 
-        Up to constants, the coordinates are u = a . z and v = b . z, with constant vectors
-        a and b. A given z has an error r = F(z) - g l, which a step of Newton's method
-        removes with constant u and v. Let s, from 0 to 1, be the part of the error that is
-        removed: F(z) - g l = (1 - s) r. This equation makes z and g functions of s, u and
-        v. Its second derivatives with respect to two of these parameters, i and j, are
+        The coordinates are u = a . z + constant and v = b . z + constant, with constant
+        vectors a and b. A given z has an error r = F(z) - g l, which a step of Newton's
+        method removes with constant u and v. Let s, from 0 to 1, be the part of the error
+        that is removed: F(z) - g l = (1 - s) r. This equation makes z and g functions of s,
+        u and v. Its second derivatives with respect to two of these parameters, i and j,
+        are
 
             F' z_ij - g_ij l = -F''(z_i, z_j),   a . z_ij = 0,   b . z_ij = 0.
 
-        z_i and z_ij are the first and second derivatives of z.
+        z_i and z_ij are the first and second derivatives of z. The first derivatives with
+        respect to s are the step of Newton's method. The second derivatives g_ij with
+        respect to u and v are the Hessian of g. Those with respect to s and u, or s and v,
+        tell how the step changes the slopes of g.
 
         Parameters
         ----------
@@ -370,28 +385,28 @@ class ReducedEquation:
         return solution.reshape(-1, 3, 3)
 
     def _border(self, slopes: Array) -> Array:
-        """Return the matrix (n + 1, n + 1) of linear equations for changes z' and g'.
-
-        The derivatives of z and g, and steps of Newton's method, solve linear equations
-        with this matrix. `_solve_first_order` states their right sides.
+        """Return the matrix (n + 1, n + 1) that relates changes near a crossing of curves.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). The equations are therefore
-        replaced by F(z) = g l, with a new unknown number g and given values of two
-        coordinates u and v of z. These determine z and g, which are thus functions of u and
-        v. Where g(u, v) is 0, z is a configuration.
+        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
+        change the component of F along l. The equations F(z) = g l leave this component
+        free. Its value g is a new unknown number, the level. With given values of two
+        coordinates u and v of z, these equations determine z and g as functions of u and v.
+        The points z form a surface. Where g(u, v) is 0, z is a configuration.
 
-        Up to constants, the coordinates are u = a . z and v = b . z; a and b are the first
-        two columns of `frame`. `slopes` (k, n) are the derivatives F'. If z and g change by
-        z' and g', then F - g l changes by F' z' - g' l, u by a . z', and v by b . z'. The
-        matrix of these linear functions of (z', g') is
+        The coordinates are u = a . z + constant and v = b . z + constant; a and b are the
+        first two columns of `frame`. `slopes` (k, n) are the derivatives F'. Let z' be a
+        small change of z, and g' a small change of g. Then F - g l changes by F' z' - g' l,
+        u by a . z', and v by b . z'. The matrix of these linear functions of (z', g') is
 
             [F'  -l]
             [a^T  0]
             [b^T  0].
 
-        The matrix is regular at a crossing, where F' alone loses a rank.
+        The matrix is regular at a crossing, where F' alone loses a rank. The derivatives of
+        z and g, and steps of Newton's method, solve linear equations with this matrix.
+        `_solve_first_order` and `_solve_second_order` state the right sides.
         """
         # All elements become balls: numbers with a bound of their error.
         left_null_vector = exact_balls(self.left_null_vector)
@@ -404,18 +419,20 @@ class ReducedEquation:
         )
 
     def find_critical_point(self, position: Array) -> Array:
-        """Return the point near a position where both slopes of g(u, v) are 0.
+        """Return the point near a position at which curves of configurations may cross.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). The equations are therefore
-        replaced by F(z) = g l, with a new unknown number g and given values of two
-        coordinates u and v of z. These determine z and g, which are thus functions of u and
-        v. Where g(u, v) is 0, z is a configuration.
+        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
+        change the component of F along l. The equations F(z) = g l leave this component
+        free. Its value g is a new unknown number, the level. With given values of two
+        coordinates u and v of z, these equations determine z and g as functions of u and v.
+        The points z form a surface. Where g(u, v) is 0, z is a configuration.
 
-        If g is 0 at the point where its slopes are 0, and has a saddle there, curves of
-        configurations cross. Newton's method solves F(z) = g l and grad g = 0 together.
-        Later proofs are about boxes around the point, so its error does not matter.
+        At the returned point both slopes of g(u, v) are 0. If g itself is 0 there, and has
+        a saddle there, curves of configurations cross. Newton's method solves F(z) = g l
+        and grad g = 0 together. Later proofs are about boxes around the point, so its error
+        does not matter.
 
         Parameters
         ----------
@@ -450,13 +467,14 @@ class ReducedEquation:
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). The equations are therefore
-        replaced by F(z) = g l, with a new unknown number g and given values of two
-        coordinates u and v of z. These determine z and g, which are thus functions of u and
-        v. Where g(u, v) is 0, z is a configuration.
+        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
+        change the component of F along l. The equations F(z) = g l leave this component
+        free. Its value g is a new unknown number, the level. With given values of two
+        coordinates u and v of z, these equations determine z and g as functions of u and v.
+        The points z form a surface. Where g(u, v) is 0, z is a configuration.
 
-        Curves g(u, v) = 0 can cross only where the gradient of g is 0. All z that satisfy
-        F(z) = g l form a surface. The step has two parts, which are added:
+        Curves g(u, v) = 0 can cross only where the gradient of g is 0. The step has two
+        parts, which are added:
 
         1. To the surface: with u and v constant, z and g are corrected so that F(z) = g l.
            The gradient changes by `gradient_correction`.
@@ -497,21 +515,20 @@ class ReducedEquation:
     def evaluate_on_surface(
         self, position: Array, level: Ball, derivatives: SurfaceDerivatives
     ) -> tuple[Ball, Array]:
-        """Return g(u, v) and its slopes, with error bounds, near an approximate position.
-
-        A proof about a saddle of g needs these numbers at one point of a surface.
+        """Return the level and its slopes, with error bounds, near an approximate position.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). The equations are therefore
-        replaced by F(z) = g l, with a new unknown number g and given values of two
-        coordinates u and v of z. These determine z and g, which are thus functions of u and
-        v. Where g(u, v) is 0, z is a configuration.
+        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
+        change the component of F along l. The equations F(z) = g l leave this component
+        free. Its value g is a new unknown number, the level. With given values of two
+        coordinates u and v of z, these equations determine z and g as functions of u and v.
+        The points z form a surface. Where g(u, v) is 0, z is a configuration.
 
-        The points z for all u and v form the surface. The given z is only near the surface:
-        z and g satisfy F(z) = g l approximately. Both are corrected with constant u and v,
-        so that they satisfy it exactly. The result is the corrected g, with its slopes at
-        the corrected z.
+        A proof about a saddle of g needs the level g and its slopes at one point of the
+        surface. The given z is only near the surface: z and g satisfy F(z) = g l
+        approximately. Both are corrected with constant u and v, so that they satisfy it
+        exactly. The result is the corrected g, with its slopes at the corrected z.
 
         Parameters
         ----------
@@ -584,7 +601,7 @@ def _name_derivatives(solution: Array) -> SurfaceDerivatives:
 
 
 def reduce_at_saddle(equations: ArcEquations, position: Floats) -> SaddleReduction:
-    """Return the reduced equation about the saddle point of g near a position.
+    """Return the reduced equation about its saddle point, near a crossing of curves.
 
     Near a position where the derivatives F' of the equations lose a rank, configurations
     are the zeros of a function g(u, v) of two coordinates (`ReducedEquation`). At the
@@ -652,12 +669,13 @@ def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
     F(z) = 0 are the n - 1 equations of a mechanism in n variables z. At the position, their
     derivatives F' nearly lose a rank, so that two curves of configurations can cross there.
     The n - 1 equations are reduced to one equation g = 0 in two coordinates u and v of z.
-    All components of F except that along a unit vector l are made zero by choice of the
-    other coordinates. Then F = g l, and g = 0 is left.
+    At given u and v, the other coordinates are chosen so that all components of F are zero,
+    except that along a unit vector l. Then F = g l, and g = 0 is left.
 
     The singular value decomposition of F' gives the directions. The last left vector is l:
-    no small change of z changes F along l. The last two right vectors span the kernel of F'
-    (changes of z that do not change F). These two vectors become the directions of u and v.
+    to first order, changes of z hardly change F along l. The last two right vectors span
+    the changes of z that hardly change F at all, nearly the kernel of F'. These two vectors
+    become the directions of u and v.
 
     Parameters
     ----------

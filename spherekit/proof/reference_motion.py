@@ -161,10 +161,11 @@ def find_table_kinks(parts: Sequence[LoadComponent], until: float) -> list[Ball]
 
 @dataclass(frozen=True)
 class MovingMechanism:
-    """A mechanism at n configurations, with rates at unit rate of the coordinate.
+    """A mechanism at n configurations, with the velocities of its motion.
 
     The coordinate is the pair variable that describes the motion; all other variables
-    follow from it.
+    follow from it. Rates and angular velocities are those at unit rate of the coordinate.
+    The generalised force of the loads is computed from them.
 
     Attributes
     ----------
@@ -289,9 +290,9 @@ class _TimeStep:
     start, length
         Start and length in time (s).
     coordinate
-        Index of the variable that is stored. All other variables follow from it.
+        Index of the variable c that is stored. All other variables follow from it.
     motion
-        The series of this variable, and of its speed times the root of the inertia.
+        The series of c and of sqrt(B) dc/dt, with the equivalent inertia B.
     switch_signs
         (switches,) +1 or -1, the fixed sign of each switch.
     end_conditions
@@ -416,7 +417,8 @@ class ExactSimulation:
         until
             The time (s) at which the motion ends, unless it ends earlier.
         float_solution
-            A float64 solution, from which the iteration of each step starts.
+            A float64 solution of the same motion, as a function of time. The iteration of
+            each step and Newton's method start from its values.
         """
         self.arithmetic = arithmetic
         self.mechanism = mechanism
@@ -471,8 +473,8 @@ class ExactSimulation:
 
         Returns
         -------
-        (3, n, variables) balls: variables (rad, with whole turns), rates (rad/s),
-        accelerations (rad/s2).
+        (3, n, variables) balls: variables (rad), rates (rad/s), accelerations (rad/s2).
+        Variables include whole turns, so that they can exceed 2 pi.
         """
         t = np.asarray(t, dtype=float)
         with self.arithmetic.within():
@@ -491,8 +493,9 @@ class ExactSimulation:
         """Return the variables and their first two derivatives at n times within a step.
 
         The step stores two functions of time: the coordinate c (the variable that describes
-        the motion), and p = sqrt(B) dc/dt with the equivalent inertia B. Closing the loops
-        gives all other variables.
+        the motion), and p = sqrt(B) dc/dt with the equivalent inertia B. In c and p, the
+        equation of motion is dp/dt = Q / sqrt(B), without a derivative of B; Q is the
+        generalised force. Closing the loops gives all other variables.
 
         Parameters
         ----------
@@ -505,11 +508,12 @@ class ExactSimulation:
         -------
         Three arrays (n, variables): rad, rad/s, rad/s2.
         """
-        # 1. The coordinate c and p at positions from -1 to 1 in the step, and all
+        # 1. The coordinate c and p at positions from -1 to 1 in the step, and all other
         #    variables.
         position = 2 * (t - step.start) / step.length - 1
         c, p = step.motion.evaluate(position)
-        # The float64 solution at the times t gives the starts of Newton's method.
+        # All other variables follow from c by Newton's method. It starts from the float64
+        # solution of the same motion, which was given when this simulation was created.
         closure = self._close_loops(t, c, step.coordinate)
         # Power series of all variables in the coordinate. The second coefficient is half of
         # the second derivative.
@@ -644,8 +648,9 @@ class ExactSimulation:
         """Return the closed configurations at given values of the coordinate.
 
         The coordinate is the variable that describes the motion. Newton's method computes
-        the other variables in many digits, and starts from the float64 solution. The caller
-        needs them to place the links and to compute velocities.
+        the other variables in many digits. It starts from a float64 solution of the same
+        motion (`float_solution` of `__init__`). The caller needs the variables to place the
+        links and to compute velocities.
 
         The results are stored as balls (numbers with a bound of their error), but these
         bounds are not computed here.
@@ -1071,16 +1076,18 @@ def _apply_non_smooth_function(
 def _apply_smooth_function(name: str, arguments: Sequence[Any]) -> Any:
     """Return the value of a smooth function or operation, NaN outside its domain.
 
-    Arguments are balls (numbers with a bound of their error). Functions such as `sin` are
-    methods of balls; operations such as `+` act on whole arrays.
+    Smooth functions have no kinks or jumps. For example, `abs` is not smooth. Arguments are
+    balls (numbers with a bound of their error). Functions such as `sin` are methods of
+    single balls. Operations such as `+` accept arrays of balls.
 
     Parameters
     ----------
     name
         Name of the function or operation.
     arguments
-        Its arguments in balls, one or (n,) each.
+        Its arguments. Each is one ball or an array (n,) of balls.
     """
+    # Any ball shows which methods the class has.
     is_method_of_balls = hasattr(exact_ball(0.0), name)
     if not is_method_of_balls:
         return ARRAY_OPERATIONS[name](*arguments)

@@ -496,8 +496,9 @@ def _derivative_rounding(reference: ExactRows) -> Floats:
 class _RelativeMotion:
     """Masks of the rows in which two links move, and rest, relative to each other.
 
-    A row is one configuration with velocities. Where both are false, rounding leaves open
-    whether the links move.
+    A row is one configuration with velocities. Where the links move, their velocity gives
+    the axis of rotation. Where they rest, the axis has to be found in another way. Where
+    both masks are false, rounding leaves open whether the links move.
 
     Attributes
     ----------
@@ -505,7 +506,7 @@ class _RelativeMotion:
         (n,) whether the links move so fast that their axis of rotation is known: rounding
         changes its direction by less than 1e-6 rad.
     rests
-        (n,) whether the relative velocity is zero up to rounding.
+        (n,) whether the relative velocity is zero up to rounding, or unknown (NaN).
     """
 
     moves: Bools
@@ -514,6 +515,9 @@ class _RelativeMotion:
 
 def _find_relative_motion(reference: ExactRows, pole: Pole) -> _RelativeMotion:
     """Return masks of the rows in which two links move, and rest, relative to each other.
+
+    Where the links move, callers take the axis of rotation (pole) from their relative
+    velocity. Where they rest, callers find it in another way.
 
     A row is one configuration with velocities in many digits. The relative angular velocity
     is compared with its rounding error. The links move if the velocity is above
@@ -638,14 +642,15 @@ def exact_field(reference: ExactRows, request: Request, field: PoleField) -> Pol
 def _round_where_known(
     field_values: Mapping[Key, Floats], balls: Mapping[Key, Array]
 ) -> dict[Key, Floats]:
-    """Round reference numbers to float64, with NaN where the values of a field are NaN.
+    """Round reference numbers to float64, with NaN where the computed values are NaN.
 
-    A field has a quantity for several poles (axes of relative rotation) or links.
+    `exact_field` replaces the values that were computed in float64 by these numbers.
 
     Parameters
     ----------
     field_values
-        The values of the field, by pole or by link.
+        The computed values of one quantity, by pole (axis of the relative rotation of two
+        links) or by link.
     balls
         Reference numbers by the same keys, in many digits with a bound of their error.
     """

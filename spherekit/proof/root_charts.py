@@ -126,9 +126,10 @@ class ChartRoots:
 
     @staticmethod
     def from_points(points: Complexes, row: Indices) -> "ChartRoots":
-        """Store each coordinate of points as it is, or as its inverse if it exceeds 1.
+        """Store each coordinate of some points, or its inverse if its magnitude exceeds 1.
 
-        So stored numbers have magnitudes of at most 1, also for points at infinity.
+        So all stored numbers have magnitudes of at most 1. A coordinate at infinity is
+        stored as 0, the inverse of infinity.
 
         Parameters
         ----------
@@ -192,8 +193,8 @@ class ChartRoots:
         """Return the values of polynomials in the stored z, at n points.
 
         Let P be a polynomial of degree s in x = e^(i angle), with coefficients c_p. The
-        stored z is x or 1 / x, with a magnitude of at most 1. So no numbers are large or
-        infinite. The value at a point is
+        attribute `z` has x or 1 / x, with a magnitude of at most about 1. So no numbers are
+        large or infinite. The value at a point is
 
             P(z) = sum of c_p z^p,                  if z = x is stored,
             z^s P(1 / z) = sum of c_p z^(s - p),    if z = 1 / x is stored.
@@ -219,6 +220,8 @@ class ChartRoots:
 
     def first_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
         """Return the first derivatives of polynomials with respect to the stored z.
+
+        Newton's method improves approximate roots with these derivatives.
 
         The attribute `z` (n, k) has, for each of n points and k unknowns, x = e^(i angle)
         if its magnitude is at most about 1, and 1 / x otherwise. Where z = 1 / x, the
@@ -620,8 +623,8 @@ class KnownAngleChanges:
     def upper_bounds(self) -> Floats:
         """Return bounds (boxes, known angles) of how far known angles move in a box (rad).
 
-        Each box is one of the inputs. Known angles are functions of the inputs. Their
-        changes from the centre are bounded for all points of the box.
+        Known angles are functions of the inputs. Their changes from the centre of a box of
+        the inputs are bounded for all points of the box.
         """
         # A linear function changes most towards a corner of the box.
         linear_change = apply_matrices(np.abs(self.rates), self.input_half_widths)
@@ -791,6 +794,8 @@ def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
 
 def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) -> Bools:
     """Return a mask of the rows with good roots that are proven to differ from each other.
+
+    If `count` is the largest possible number of roots, these are all roots of such a row.
 
     A row is one set of values of the given variables (inputs, and unknowns that were solved
     before). A root has complex values of the unknown angles. A coordinate z of a root is

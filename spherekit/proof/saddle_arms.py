@@ -91,10 +91,13 @@ class ArcErrors:
     A saddle is a place where two configuration curves cross or narrowly miss each other. In
     two coordinates u and v the arcs are zeros of a function g(u, v), and the slopes of g
     are 0 at the saddle, u = v = 0. Let Q = (u, v) g'' (u, v)^T be the quadratic form of the
-    second derivatives. If g is a quadratic function, g = level + Q / 2 with a constant
-    level. Then Q = -2 level on the arcs, and the gradient of g is g'' (u, v)^T. In fact
-    both differ a little. The bounds are valid at all points of the arcs. Let m be the
-    larger of |u| and |v|.
+    second derivatives. If g is exactly quadratic, g = level + Q / 2 with a constant level.
+    Then Q is -2 level on the arcs, and the gradient of g is g'' (u, v)^T. The computed
+    saddle u = v = 0 is not exact, so g has a small slope there. Q and the gradient
+    therefore differ a little from these values. The proof that variables grow or fall all
+    along the arcs allows for both differences.
+
+    The bounds are valid at all points of the arcs. Let m be the larger of |u| and |v|.
 
     Attributes
     ----------
@@ -414,9 +417,14 @@ def _prove_rate_signs(
 def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) -> Floats:
     """Return bounds of the changes of all variables from a saddle to points on an arm.
 
-    An arm is a branch of configuration curves that leaves a saddle (where curves cross or
-    nearly do), at u = v = 0. A change is a derivative, somewhere near the saddle, times
-    (u, v). It is bounded for max(|u|, |v|) = 1, and is proportional elsewhere.
+    A saddle is a place where two configuration curves cross or nearly do. An arm is a
+    branch of these curves that leaves it. Points near the saddle have two coordinates u and
+    v, and the saddle is at u = v = 0. The caller needs to know how far the arm reaches.
+
+    By the mean value theorem, the change of a variable from the saddle to the point (u, v)
+    is r . (u, v). The vector r has the derivatives of the variable at a point near the
+    saddle. The bound of this change is proportional to max(|u|, |v|), so it is computed for
+    max(|u|, |v|) = 1.
 
     Parameters
     ----------

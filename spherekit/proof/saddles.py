@@ -195,6 +195,9 @@ def find_saddle(
     as functions of two coordinates u and v. The last equation is g(u, v) = 0, where g has a
     saddle point. The curves cross if the value of g at this point is 0.
 
+    Curves cannot be followed through a saddle. So the caller lets them begin and end there,
+    and does not search the box of the saddle for further curves.
+
     Boxes about the saddle are tried, from large to small. The first one is used in which a
     saddle is proven and that is good enough (`_is_good_enough`).
 
@@ -203,8 +206,8 @@ def find_saddle(
     equations
         The equations of the mechanism.
     position
-        (variables,) a position (rad) near which a curve could not be followed, or a box
-        could not be decided.
+        (variables,) a position (rad) near which a saddle may be. It is where the following
+        of a curve failed, or the centre of a box that may contain unknown curves.
     is_proven_crossing
         Function that returns whether a box is proven to contain a crossing: a configuration
         in which the derivatives of the equations lose a rank.
@@ -213,13 +216,13 @@ def find_saddle(
         overlap. A saddle is itself an oriented box.
     """
     # Balls are numbers with error bounds. Dividing by a ball that contains 0 raises
-    # `ZeroDivisionError`. If this happens in `reduce_at_saddle`, no saddle is found.
+    # `ZeroDivisionError`. If `reduce_at_saddle` raises it, no saddle is found.
     with working_precision(LEVEL_PRECISIONS_BITS[0]), suppress(ZeroDivisionError):
         saddle_reduction = reduce_at_saddle(equations, position)
         size = LARGEST_RECTANGLE_RAD
         while size > SMALLEST_RECTANGLE_RAD:
-            # If a division fails inside this function, the result is None for this size.
-            # Smaller boxes are still tried.
+            # `_prove_saddle` catches this error and returns None, so that smaller boxes are
+            # still tried.
             saddle = _prove_saddle(saddle_reduction, size, is_proven_crossing)
             if saddle is not None and is_allowed(saddle) and _is_good_enough(saddle, size):
                 return saddle
@@ -242,7 +245,11 @@ def _is_good_enough(saddle: Saddle, size: float) -> bool:
     size
         Half width (rad) of the box.
     """
+    # On each arm, a sign of 0 means that it is not proven whether the variable grows or
+    # falls.
     has_open_sign = any(0 in signs for signs in saddle.outward_signs.values())
+    # The level is 0 only if the curves are proven to cross. Otherwise they may miss each
+    # other, and smaller boxes are tried.
     curves_cross = saddle.level_sign == 0
     small_size = CROSSING_RECTANGLE_RAD if curves_cross else GAP_RECTANGLE_RAD
     return size < small_size or not has_open_sign
@@ -423,12 +430,14 @@ def _make_saddle(
 
 
 def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[Ball, float]:
-    """Return the level of a saddle, and a bound of the gradient of g near it.
+    """Return the level of a saddle, and a bound of the slopes near it.
 
-    The configurations near a saddle are the zeros of g(u, v). F are the equations of the
-    mechanism. At a crossing their derivatives F' with respect to the variables z lose a
-    rank: there is a direction l with l F' = 0, in which no small change of z changes F.
-    With two coordinates u and v given, F(z) = g l defines all variables z and the number g.
+    F(z) = 0 are the equations of a mechanism in the variables z. At a crossing of curves,
+    their derivatives F' lose a rank: l F' is 0 for a unit vector l. So small changes of z
+    hardly change the component of F along l. The equations F(z) = g l leave this component
+    free. Its value g is a new unknown number. With given values of two coordinates u and v
+    of z, these equations determine z and g as functions of u and v. The configurations are
+    the points z with g(u, v) = 0.
 
     The level is the value of g at its saddle point, which Newton's method approximates.
     Since g is convex in u and concave in v, the slopes at the approximation bound the
@@ -515,31 +524,36 @@ class _CentreMagnitudes:
 def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array) -> bool:
     """Return whether the zeros of g in a rectangle are four arms, one in each quadrant.
 
-    The zeros of g(u, v) are the configurations near a saddle (where their curves cross or
-    nearly do). g is proven to be convex in u and concave in v. The arms follow if g has
-    these signs:
+    The caller accepts a rectangle about a saddle only with this proof. At a saddle, curves
+    of configurations cross or nearly do. The closure equations near it are reduced to one
+    equation g(u, v) = 0, so its zeros are the configurations. g is proven to be convex in u
+    and concave in v. The arms are branches of these curves. They follow if g has these
+    signs:
 
         v             at u = -u_limit   at u = 0   at u = u_limit
         above h             +              -             +
         -h to h             +           any sign         +
         below -h            +              -             +
 
-    The inner height h is the part `INNER_HEIGHT_RATIO` of the half height of the rectangle.
-    For each v beyond h, g is negative at u = 0, positive at both sides and convex in u. So,
-    for each such v, g has exactly one zero with u > 0 and one with u < 0. These are the
-    four arms. At u = 0 only v = h and v = -h are tested, because g is concave in v.
+    The inner height h is the half height of the rectangle times `INNER_HEIGHT_RATIO`. Where
+    v is above h or below -h, g is negative at u = 0, positive on both sides u = +-u_limit,
+    and convex in u. So for each of these v, g has exactly one zero with u > 0 and one with
+    u < 0. These zeros form the four arms. At u = 0 only v = h and v = -h are tested,
+    because g is concave in v.
 
-    Between -h and h the curves may cross, or bend from one arm to another. The last test is
-    that the saddle point of g is between -h and h. The value of g there decides whether the
-    curves cross.
+    Between -h and h the curves may cross, or bend from one arm to another. The value of g
+    at its saddle point later decides which of these is true. So the last test is that the
+    saddle point is between -h and h.
 
     Parameters
     ----------
     limits
-        (variables,) half lengths (rad) of the box about the saddle. The first two are the
-        rectangle. The other variables are functions of u and v, so g does not contain them.
+        (variables,) half lengths (rad) of the box about the saddle. The first two are those
+        of the rectangle, along u and v. The other coordinates of the box are functions of u
+        and v, so g does not contain them.
     value, gradient
-        g and its slopes (2,) at the centre, as balls (numbers with a bound of their error).
+        g and its slopes (2,) at the centre u = v = 0, as balls (numbers with a bound of
+        their error).
     hessian
         (2, 2) balls that contain the second derivatives of g in the whole box. That by u is
         positive (convex), that by v negative (concave).
@@ -565,9 +579,10 @@ def _is_positive_on_sides(
 ) -> bool:
     """Return whether g(u, v) is positive on the sides u = +-u_limit of a rectangle.
 
-    This is one part of the proof that four arms of configuration curves (zeros of g) leave
-    a saddle. g is positive if it rises from the centre to the sides by more than its
-    magnitude at the centre.
+    The rectangle has the centre u = v = 0 at a saddle, where curves of configurations cross
+    or nearly cross. The configurations are the zeros of g. This is one part of the proof
+    that they are four arms (`_has_four_arms`). g is positive on a side if it rises from the
+    centre to this side by more than ``|g(0, 0)|``.
 
     Parameters
     ----------
@@ -588,16 +603,20 @@ def _is_positive_on_sides(
 def _is_negative_beyond(
     inner_height: float, centre: _CentreMagnitudes, hessian: Array
 ) -> bool:
-    """Return whether g(0, v) is negative for all ``|v|`` above the inner height.
+    """Return whether g(0, v) is negative for all ``|v|`` above the inner height h.
 
-    This is one part of the proof that four arms of configuration curves (zeros of g) leave
-    a saddle. g is negative if it falls from the centre to the inner height by more than its
-    magnitude at the centre. g is concave in v, so it falls further beyond.
+    A rectangle of the coordinates u and v has its centre u = v = 0 at a saddle, where
+    curves of configurations cross or nearly cross. The configurations are the zeros of
+    g(u, v). This is one part of the proof that they are four arms (`_has_four_arms`).
+
+    g(0, h) is negative if g falls from the centre to v = h by more than ``|g(0, 0)|``. g is
+    concave in v, so it falls further beyond. The same holds for v = -h.
 
     Parameters
     ----------
     inner_height
-        Distance (rad) along v from the centre.
+        The inner height h (rad), a distance along v from the centre. Only nearer to the
+        centre can the curves cross, or bend from one arm to another.
     centre
         Bounds of the magnitudes of g and its slopes at the centre.
     hessian
@@ -655,10 +674,11 @@ def _bound_rise_to_sides(
 ) -> float:
     """Return a lower bound of g(u, v) - g(0, 0) on the sides u = +-u_limit of a rectangle.
 
-    g is a function with configuration curves as zeros, convex in u. A test of a saddle
-    (where the curves cross or nearly do) requires that g rises enough from the centre. The
-    bound is Taylor's formula from the centre with the least g_uu (positive), and all other
-    terms negative:
+    The zeros of g are the configurations near a saddle, where curves of configurations
+    cross or nearly cross. If g rises enough from the centre, the caller concludes that it
+    is positive on these sides. The bound is Taylor's formula of second order about the
+    centre. The first term has the least value of g_uu, which is positive. All other terms
+    have their largest magnitudes and are subtracted:
 
         g_uu u^2 / 2 - |g_uv| |u v| - |g_vv| v^2 / 2 - |g_u| |u| - |g_v| |v|.
 

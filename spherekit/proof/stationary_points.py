@@ -272,10 +272,11 @@ class _StretchSigns:
 class _Stretch:
     """The part of a curve from the centre of an arc to a configuration in the arc's box.
 
-    An arc is a part of the curve, in an oriented box that is proven to contain no other
-    part. The search is for points of the curve at which a variable is stationary. If a
-    stretch gives no answer, it is cut in two at the centre of a new arc. The first part
-    keeps its arc and ends at this centre. The second part begins there, with the new arc.
+    An arc is a part of the curve in a box along its tangent. The box is proven to contain
+    no other part of the curve. The search is for points of the curve at which a variable is
+    stationary. If it stays open whether a stretch has one, the stretch is cut in two at the
+    centre of a new arc. The first part keeps its arc and ends at this centre. The second
+    part begins there, with the new arc.
 
     Attributes
     ----------
@@ -307,9 +308,9 @@ class _Stretch:
     def reach(self) -> float:
         """Upper bound (rad) of the coordinate along the tangent, anywhere in the stretch.
 
-        A stretch is a part of a configuration curve from the centre of an arc to `end`. The
-        coordinate along the tangent of the arc grows from 0 at its centre to its largest
-        value at the end. The bound includes the error of the end and rounding.
+        The coordinate along the tangent of the arc is 0 at the centre of the arc, where the
+        stretch starts. It grows along the stretch, so it is largest at the end. The bound
+        includes the error of the end and rounding.
         """
         coordinate = self.piece.coordinates(self.end)[0]
         return float(coordinate + self.end_error + COORDINATE_ROUNDING_RAD)
@@ -545,7 +546,8 @@ def _find_middle_piece(
 
     A stretch is a part of a curve of configurations, from the centre of a certified arc
     (`stretch.piece`) to a configuration in the box of this arc. A certified arc is proven
-    to be the only arc in its box.
+    to be the only arc in its box. The centre of the new arc is the place of the cut. A sign
+    of a rate that is not proven in the whole stretch can be proven in its parts.
 
     Parameters
     ----------
@@ -564,8 +566,8 @@ def _find_middle_piece(
     start_arc = stretch.piece
     # The first coordinate in the box of an arc is along its tangent, 0 at its centre.
     end_coordinate = start_arc.coordinates(stretch.end)[0]
-    # Largest half length of the new arc. With twice the length of the stretch, the box of
-    # the new arc reaches the end of the stretch from any centre in the stretch.
+    # Limit of the half length of the box of the new arc. The end of the stretch is nearer
+    # to any centre in the stretch than this. So the limit lets the box contain the end.
     longest = max(2.0 * end_coordinate, SHORTEST_STRETCH_RAD)
     middle = find_piece_ahead(equations, start_arc, stretch.position(ratio), longest)
     if middle is None:
@@ -612,10 +614,13 @@ def _enclose_zero(
 def _bound_differences_from_middle(stretch: _Stretch) -> Floats:
     """Return how much each variable in a stretch of a curve differs from the middle point.
 
-    A stretch is a part of a curve of configurations, from the centre of an arc
-    (`stretch.piece`) to a computed end. The middle point is half way on the straight line
-    from the centre to the end. Distances from the middle point are bounded along the
-    columns of the frame of the arc: the tangent at the start, then the normals.
+    A stretch is a part of a curve of configurations. Its start is the centre of a certified
+    arc (`stretch.piece`), and its end is a computed configuration. The middle point is half
+    way on the straight line from the start to the end. It approximates a stationary point
+    that is proven to be in the stretch, and the caller needs the error.
+
+    Distances from the middle point are bounded along the columns of the frame of the arc.
+    The columns are the tangent of the curve at the start, then its normals.
 
     Returns
     -------

@@ -18,7 +18,9 @@ from spherekit.planning.assembly_plan import driven_pairs
 
 @dataclass(frozen=True)
 class Structure:
-    """Links and revolute pairs of a mechanism as proofs use them, without sizes.
+    """Links of a mechanism and the revolute pairs that join them, as proofs use them.
+
+    The sizes of the links are not included.
 
     A sliding contact of two circles is replaced by a link, the coupler. Revolute pairs at
     both centres join the coupler to the links of the contact. Links and pairs are numbered
@@ -38,9 +40,11 @@ class Structure:
     inputs
         Indices of the driven pairs.
     couplers
-        For each coupler the index of its sliding contact among the pairs of the mechanism.
+        For each coupler the index of the sliding contact that it replaces. The index counts
+        all pairs of the mechanism, and so is not an index in `pairs`.
     wheels
-        Indices of the rolling contacts among the pairs of the mechanism.
+        Indices of the rolling contacts (of two wheels), which also count all pairs of the
+        mechanism.
     followers
         Indices of the pairs that the inputs drive through wheels.
     """

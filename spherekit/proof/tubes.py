@@ -339,10 +339,12 @@ def find_piece(
 class ArcBounds:
     """Bounds for an arc of configurations in a box.
 
-    An arc is z = z0 + t s + N y(s), with the tangent t and the k normals N of the
-    configuration curve at the centre z0. Its box has ``|s|`` up to a half length and each
-    ``|y_i|`` up to a radius. F' are the derivatives of the equations, and Y is
-    approximately the inverse of F'N at the centre (`TubeTest`).
+    The bounds can prove that the box contains exactly one arc of the configuration curve.
+
+    The arc consists of the configurations z = z0 + t s + N y(s). At the centre z0 the curve
+    has the tangent t and the k normals N. The box contains all points with ``|s|`` up to a
+    half length and each ``|y_i|`` up to a radius. F' are the derivatives of the equations
+    that close the loops. Y is approximately the inverse of F'N at the centre (`TubeTest`).
 
     Boxes of several sizes may be tried about the same centre. Each bound is an array with
     one element for each box; the shape is () for one box.
@@ -458,12 +460,15 @@ class TubeTest:
         self._slope_error = np.abs(slopes_along_frame)
 
     def bound_slope_change(self, reach: Floats) -> Floats:
-        """Return bounds of |Y F' - (0, I)| at all points within a reach of the centre.
+        """Return bounds of the entries of |Y F' - (0, I)| in boxes about the centre.
+
+        The centre is a point of a configuration curve. With these bounds, `bound_arc`
+        proves that the configurations in a box are exactly one arc of the curve.
 
         F' (k, v) are the derivatives of the k equations along v directions: the tangent of
-        a configuration curve at the centre, then its normals (the frame). Y is
-        approximately the inverse of the columns of the normals. So Y F' is near (0, I): a
-        column of zeros, then the identity matrix.
+        the curve at the centre, then its normals (the frame). Y is approximately the
+        inverse of the columns of the normals. So Y F' is near (0, I): a column of zeros,
+        then the identity matrix.
 
         Taylor's formula about the centre is F' = F'(0) + F''(0) x + remainder, with
         coordinates x along the frame.
@@ -527,21 +532,28 @@ class TubeTest:
         return without_degree[..., None] * self.degrees
 
     def bound_arc(self, half_length: Floats | float, radius: Floats | float) -> ArcBounds:
-        """Return bounds of the arc for |s| <= half_length, if it stays within the radius.
+        """Return bounds of an arc of configurations in a box, to prove that it stays there.
 
-        The arc has a coordinate s along its tangent and k coordinates y(s) along its
-        normals. The bounds assume that each ``|y_i|`` is at most the radius. This is proven
-        if the bound of ``|y_i|`` is less than the radius, and the contraction less than 1.
+        The frame at the centre of the box has the tangent and the normals of a
+        configuration curve. A point of the arc has the coordinate s along the tangent, and
+        k coordinates y(s) along the normals. The box contains all points with ``|s|`` up to
+        the half length and each ``|y_i|`` up to the radius.
 
-        F' are the derivatives of the k equations, and Y is an approximate inverse. Y F' is
-        (e, I + E): a small column e of derivatives with respect to s, and a matrix near the
-        identity I of derivatives with respect to y. Along the arc F' (1, y') = 0, so
-        (I + E) y' = -e. Three bounds follow:
+        The bounds assume that the arc stays in the box. The assumption is proven if the
+        bound of ``|y_i|`` is less than the radius, and the contraction less than 1.
+
+        F' are the derivatives of the k equations along the frame. Y is approximately the
+        inverse of the derivatives along the normals. Then Y F' is (e, I + E): a small
+        column e of derivatives with respect to s, and a matrix near the identity I of
+        derivatives with respect to y. Along the arc F' (1, y') = 0, so (I + E) y' = -e.
+        Three bounds follow:
 
         1. The contraction is the largest row sum of ``|E|`` in the box.
-        2. The slope ``|y'|`` is at most ``|e|`` / (1 - contraction).
-        3. ``|y|`` is at most its bound at s = 0, plus the mean slope bound between s = 0
-           and the end of the box, times the half length.
+        2. The slope is a bound of all ``|y_i'|``: the largest ``|e_i|`` divided by
+           (1 - contraction).
+        3. ``|y_i|`` is at most the bound at s = 0, plus what y_i can change from there to
+           the end of the box. This change is at most the half length times the mean of the
+           slope's bound.
 
         Parameters
         ----------
@@ -571,9 +583,10 @@ class TubeTest:
             slope_at_centre = change_at_centre[..., 0].max(axis=-1) / margin * ROUND_UP
 
         # 3. Largest |y_i|. At s = 0 it is at most the residual |Y F| at the centre, divided
-        #    by 1 - contraction. From there the slope is integrated along s. Its bound is a
-        #    convex function of |s|, since it is a polynomial with positive coefficients for
-        #    each |e_i|. So the mean slope is at most the mean of the bounds at both ends.
+        #    by 1 - contraction. From there to the end of the box, the bound of the slope is
+        #    integrated along s. The bound of each |e_i| is a polynomial in |s| without
+        #    negative coefficients, so the bound of the slope is convex in |s|. Its mean is
+        #    therefore at most the mean of its values at s = 0 and at the end of the box.
         largest_at_centre = self._residual / margin
         mean_slope = 0.5 * slope_in_box + 0.5 * slope_at_centre
         largest = (largest_at_centre + half_length * mean_slope) * ROUND_UP
@@ -601,9 +614,10 @@ def _bound_derivative_error(equations: ArcEquations) -> Floats:
 def _largest_coordinates(
     half_length: Floats | float, radius: Floats | float, normal_count: int
 ) -> Floats:
-    """Return the largest coordinates (..., v) of boxes, along the tangent and the normals.
+    """Return the half lengths of boxes as vectors: along the tangent, then the normals.
 
-    A box is about the centre of an arc, with sides along its tangent and normals.
+    A box is about the centre of an arc, with sides along its tangent and normals. The
+    caller bounds the derivatives of the equations in the box from the largest coordinates.
 
     Parameters
     ----------
@@ -611,7 +625,11 @@ def _largest_coordinates(
         Half lengths (rad) along the tangent and along each normal: numbers, or arrays for
         many boxes.
     normal_count
-        Number of normals, v - 1.
+        Number of normals.
+
+    Returns
+    -------
+    (..., 1 + normals) largest coordinates in each box.
     """
     shape = np.broadcast_shapes(np.shape(half_length), np.shape(radius))
     coordinates = np.empty((*shape, 1 + normal_count))
@@ -634,8 +652,9 @@ def correct_configuration(
     position
         (v,) start values of all variables (rad).
     free_count
-        Number of variables to change, from the first on. By default all are changed. There
-        are then more variables than equations, and the shortest possible step is taken.
+        Number of variables to change, from the first on; the others keep their values. By
+        default all are changed. If more variables are changed than there are equations, the
+        shortest possible step is taken.
     """
     position = position.copy()
     for _ in range(MAX_CORRECTOR_STEPS):

@@ -53,8 +53,12 @@ def describe_failed_rows(summary: Facts) -> list[str]:
 def convert_plugin_errors(analysis: str, action: str) -> Iterator[None]:
     """Convert errors of a plugin to `PluginError` in a `with` block.
 
-    A plugin is an analysis that other people may have written. Two kinds of exceptions pass
-    unchanged: errors of spherekit itself (`SpherekitError`), and interruptions by the user.
+    A plugin is an analysis that other people may have written. It can raise exceptions of
+    any kind. As a `PluginError`, the exception is handled like every error of spherekit,
+    and its message names the analysis. The log keeps the traceback.
+
+    Two kinds of exceptions pass unchanged: errors of spherekit itself (`SpherekitError`),
+    and interruptions by the user.
 
     Parameters
     ----------

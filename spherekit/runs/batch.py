@@ -432,8 +432,8 @@ class Batch:
         Here w_i and w_j are the angular velocities of the links i and j. The pole (axis of
         their relative rotation) is along w_j - w_i. If the ratio is small, digits cancel in
         this difference, so the computed pole has few correct digits. If a pair joins the
-        links, the pole is the axis of the pair. No difference is computed then, and the
-        result is 1.
+        links, the pole is the axis of the pair. It is not computed from this difference
+        then, and the result is 1.
         """
         return self._pole(i, j, "conditioning", moved)
 

@@ -176,7 +176,8 @@ class BlockRows:
 
         A row is one sample in one assembly mode (way to assemble the mechanism). Compiled
         functions compute the rows. A row is certified if its error bounds are small enough.
-        All other rows are solved again, one after another.
+        The position analysis solves all other rows again, except those out of reach. The
+        error bounds of the solved rows are then computed, and may certify these rows.
 
         Parameters
         ----------
@@ -185,23 +186,24 @@ class BlockRows:
 
         Returns
         -------
-        A list with an item for each slice that has certified rows. A slice has successive
-        rows of one mode. The item says between which of these rows the computed direction
-        of a pole may reverse. A pole is the axis about which one link rotates relative to
+        A list with an item for each slice that finally has certified rows. A slice has
+        successive rows of one mode. The item says between which of these rows the computed
+        direction of a pole may reverse. Only there, directions are compared later to make
+        them continuous. A pole is the axis about which one link rotates relative to
         another.
         """
-        # The result of a slice is None if some of its rows have to be solved first.
+        # The result of a slice is None if some of its rows have to be solved first, or if
+        # all are out of reach.
         reversals_by_slice = thread_map(
             self._fill_slice, self.slices, uses_threads=self.kernel.is_compiled
         )
-        # The rows that `_fill_slice` has not certified are solved one after another.
         self._solve_uncertified(samples)
         examined_slices: list[SliceReversals] = []
         for row_slice, reversals in zip(self.slices, reversals_by_slice, strict=True):
             if reversals is None:
-                # All rows of the slice have been solved by now.
+                # All rows of the slice have been solved by now, so it can be examined.
                 reversals = self._examine_slice(row_slice)
-            # A slice without certified rows has no result.
+            # The result is still None if no row of the slice is certified.
             if reversals is not None:
                 examined_slices.append(reversals)
         return examined_slices
@@ -992,11 +994,12 @@ class BatchRunner:
         input_index
             Index of the input that moves while the other inputs are locked.
         uncertified_poles
-            The poles in rows in which the error bounds of the kernel (compiled functions)
-            are too large.
+            More accurate poles for the rows in which the error bounds of the kernel
+            (compiled functions) are too large.
         pending_poles
-            Which rows have a configuration, and at which rows a direction may reverse, so
-            that it has to be compared.
+            What is known before poles are computed. Used here are the rows that have a
+            configuration, and the rows at which a computed direction may jump to the
+            opposite one.
         sign_continuation
             The last directions of the previous block. It is updated in place.
 
@@ -1011,8 +1014,8 @@ class BatchRunner:
             )
         # Reversible poles are all poles that are no pair axis.
         reversible_poles = self.kernel.input_columns[input_index].reversible_poles
-        # Function of row numbers that returns the poles in these rows. The signs of these
-        # poles are still missing.
+        # Function of row numbers that returns the poles in these rows. The signs of their
+        # directions are still arbitrary. `continue_signs` compares the directions.
         evaluate_poles = partial(
             evaluate_unsigned_poles, self.kernel, motion, uncertified_poles, input_index
         )

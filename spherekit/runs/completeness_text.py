@@ -30,7 +30,7 @@ def describe_completeness(position_analysis: PositionAnalysis) -> str:
     """
     if not position_analysis.assembly_modes:
         return ""
-    # `claim` has the level of completeness, and its reason in words.
+    # `claim` says how complete the search was (`guarantee`), and why in words (`reason`).
     claim = position_analysis.claim
     methods = dict.fromkeys(
         method.description for method in position_analysis.methods if method is not None
@@ -41,7 +41,8 @@ def describe_completeness(position_analysis: PositionAnalysis) -> str:
         return claim.sentence
     has_searched = position_analysis.probe_count > 0  # number of samples of the search
     if not has_searched:
-        # The sentence is "Only the mode of the reference pose was computed. ...".
+        # Here `reason` names modes. An example of the sentence is "Only the mode of the
+        # reference pose was computed. ...".
         return f"Only {claim.reason} was computed. Others were not searched."
     if claim.guarantee in (Guarantee.CERTIFIED, Guarantee.COMPLETE):
         return f"All assembly modes were found{how}."
@@ -52,9 +53,10 @@ def can_prove_modes(position_analysis: PositionAnalysis) -> bool:
     """Return whether a proof of the assembly modes should be proposed to the user.
 
     An assembly mode is a way to assemble the mechanism. The search could have missed a
-    mode. The command ``spherekit certify`` can prove that none is missing, if the mechanism
-    has one input and can be constructed link by link. With many loops of links the proof
-    would take hours, and is not proposed.
+    mode. The command ``spherekit certify`` can prove that none is missing. The mechanism
+    must have one input. There must also be an order in which its links can be placed one
+    after another, each on one or two pairs of links placed before. With many loops of links
+    the proof would take hours, and is not proposed.
 
     Parameters
     ----------
@@ -63,7 +65,8 @@ def can_prove_modes(position_analysis: PositionAnalysis) -> bool:
     """
     if not position_analysis.assembly_modes or len(position_analysis.inputs) != 1:
         return False
-    # No mode could be missed, so the text proposes no proof.
+    # The guarantee says how complete the search was. With these two guarantees no mode is
+    # missing, so no proof is proposed.
     if position_analysis.claim.guarantee in (Guarantee.CERTIFIED, Guarantee.COMPLETE):
         return False
     mechanism = position_analysis.mechanism

@@ -37,7 +37,7 @@ trusted. Larger: slow outputs seem to rest; smaller: rounding errors seem to be 
 MAX_RATE_CURVATURE = 0.05
 """Largest nonlinearity of a rate with which a place of rest between samples is computed.
 
-The place is interpolated as if the rate were linear between the two samples. The
+The place is interpolated by a parabola of the rate between the two samples. The
 nonlinearity is the error of the angle by the trapezoidal rule, divided by the change of the
 rate and by the step of the input or of the time. Larger: places between distant samples are
 less accurate; smaller: more of them are stored as an interval.
@@ -126,11 +126,12 @@ class OutputRows(ArrayRows):
     def find_reversals(self) -> list[tuple[int, int]]:
         """Return pairs of rows between which the output turns back (its rate changes sign).
 
-        Rows in which the output rests are passed over, so the two rows need not be
-        neighbours. Changes across a row of unknown rate (NaN) are left out. Such a row is a
+        Callers look for a turning point of the output between the two rows. Rows in which
+        the output rests are passed over, so the two rows need not be neighbours. Changes
+        across a row of unknown rate (NaN) are left out. Such a row is a
         singular configuration, in which the sign of the rate may jump.
         """
-        moving = self.find_moving()
+        moving = self.find_moving()  # without rows of unknown rate
         rates = self.rates[moving]
         changes = np.flatnonzero(rates[1:] * rates[:-1] < 0.0)
         reversals = []
@@ -500,7 +501,8 @@ class ExaminedRows:
 
         All of these rows have a configuration. The range of the angle is extended, and
         places at which the output turns back are noted. A place is the time, the first
-        input or the number of a sample.
+        input or the number of a sample. Rows come in blocks (groups of samples), and a path
+        can continue from block to block.
 
         - With known rates, the place and the angle of a turning point are interpolated.
         - Without rates, only the place is found, from the differences of successive angles.
@@ -535,6 +537,7 @@ class ExaminedRows:
             # `smooth_angle` with that block.
             overview.smooth_angle.add(segment.angles[repeated_rows:])
             for before, after in segment.find_reversals():
+                # The output rests for a moment where it turns back.
                 overview.add_rest(_place_between_steps(segment, before, after))
         # The next segment continues from these rows.
         overview.last_rows = segment.last_rows()
@@ -626,12 +629,46 @@ class ExaminedRows:
             overview.add_uncertain_rest(first_place, float(segment.places[after]))
             return
         overview.add_turning_error(error)
-        overview.add_rest(_place_of_rest(segment, before, after))
-        # The linear rate is zero at this share of the step. Until then its mean is half of
-        # its first value.
-        share = rate_before / (rate_before - rate_after)
-        extreme = segment.angles[before] + 0.5 * rate_before * share * step
+        share, extreme_step = _interpolate_rest(rate_before, rate_after, angle_step / step)
+        distance = segment.places[after] - segment.places[before]
+        overview.add_rest(float(segment.places[before] + share * distance))
+        extreme = segment.angles[before] + extreme_step * step
         overview.widen_angle(np.array([extreme]))
+
+
+def _interpolate_rest(
+    rate_before: float, rate_after: float, mean_rate: float
+) -> tuple[float, float]:
+    """Return where between two rows an output turns back, if its rate is nearly linear.
+
+    The rate is interpolated by the parabola r(x) = a + (b - a) x + c x (1 - x), where x is
+    the share of the step between both rows. Its mean over the step is (a + b) / 2 + c / 6,
+    from which c follows.
+
+    Parameters
+    ----------
+    rate_before, rate_after
+        The rates a and b in both rows, which have opposite signs.
+    mean_rate
+        The change of the angle between both rows, divided by the step.
+
+    Returns
+    -------
+    share
+        The share x of the step at which the rate is zero.
+    extreme_step
+        The change of the angle from the row before to this place, divided by the step.
+    """
+    curvature = 6.0 * (mean_rate - 0.5 * (rate_before + rate_after))
+    change = rate_after - rate_before
+    # The parabola is a + slope x - c x^2. The curvature c is small beside the change b - a,
+    # so the zero between the rows is the root of smaller magnitude. This form of the
+    # solution has no cancellation.
+    slope = change + curvature
+    root = np.sqrt(max(slope**2 + 4.0 * curvature * rate_before, 0.0))
+    share = -2.0 * rate_before / (slope + np.copysign(root, slope))
+    extreme_step = share * (rate_before + share * (0.5 * slope - share * curvature / 3.0))
+    return float(share), float(extreme_step)
 
 
 def _take_steps_as_rates(segment: OutputRows, repeated_rows: int) -> OutputRows:
@@ -645,13 +682,6 @@ def _take_steps_as_rates(segment: OutputRows, repeated_rows: int) -> OutputRows:
     kept_rows = max(repeated_rows, 1)
     steps = np.diff(segment.angles)[kept_rows - 1 :]
     return replace(segment, rates=np.append(segment.rates[:kept_rows], steps))
-
-
-def _place_of_rest(path: OutputRows, before: int, after: int) -> float:
-    """Return the place between two rows at which the rate is zero, if it is linear."""
-    share = path.rates[before] / (path.rates[before] - path.rates[after])
-    distance = path.places[after] - path.places[before]
-    return float(path.places[before] + share * distance)
 
 
 def _place_between_steps(path: OutputRows, before: int, after: int) -> float:

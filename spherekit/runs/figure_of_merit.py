@@ -132,7 +132,7 @@ class FigureOfMerit:
         try:
             return parse(self.expression, names)
         except ModelError as problem:
-            raise AnalysisError(f"{self.name}: {problem}") from None
+            raise AnalysisError(f"{self.name}: in the expression, {problem}") from None
 
     def unit(self, names: Units) -> str:
         """Return the unit of the figure of merit, or an empty text if it is not known.
@@ -151,7 +151,8 @@ class FigureOfMerit:
             several inputs has, for example, the name ``q_21``.
         """
         if REDUCTION_BY_NAME[self.reduction].returns_input:
-            # `place` is the pair of the input, such as "21". It may name a single input.
+            # `place` is the pair of the input, such as "21". A single input has the name
+            # "q", even if `place` names its pair.
             return names.get(f"q_{self.place}", names.get("q", ""))
         quantity = _QUANTITY_PATTERN.fullmatch(self.expression)
         return names.get(quantity["name"], "") if quantity else ""

@@ -230,9 +230,10 @@ class UncertifiedPoles:
     def put_into_column(self, key: ColumnKey, column: Floats, rows: slice) -> None:
         """Replace the values of a kernel column in uncertified rows, in place.
 
-        A column has one value of a pole or link in each row (sample in an assembly mode). A
-        kernel (compiled functions) has computed it. In uncertified rows its errors may be
-        too large, and more accurate results replace the values of the kernel.
+        A row is one sample in one assembly mode. A column has one number for each row, such
+        as the x component of the direction of one pole. A kernel (compiled functions) has
+        computed it. In uncertified rows its errors may be too large, and more accurate
+        results replace the values of the kernel.
 
         Parameters
         ----------
@@ -247,8 +248,8 @@ class UncertifiedPoles:
         first, end = np.searchsorted(self.rows, [rows.start, rows.stop])
         if first == end:
             return
-        # The field of the moving input has the more accurate results. For each quantity,
-        # such as `direction`, it has an attribute with the numbers by pole or link.
+        # The more accurate results for the moving input are in a `PoleField`. A quantity,
+        # such as `direction`, is an attribute: a mapping from poles or links to arrays.
         field = self.fields[key.input_index]
         values = getattr(field, key.quantity)[key.subject]
         # (uncertified rows of the block, components)
@@ -655,15 +656,18 @@ class LazyField:
         return self._field
 
     def _add_unfilled_arrays(self) -> list[tuple[LazyColumn, Floats]]:
-        """Add an empty array for each quantity of each pole or link to the field.
+        """Add an empty array for each quantity of each pole or link to the pole field.
 
-        A pole is the axis of the relative rotation of two links. The caller fills all
-        arrays together, which saves time.
+        The pole field (`_field`) has all quantities of the poles and links at n
+        configurations. A pole is the axis of the relative rotation of two links. The
+        caller then computes the numbers of all arrays together, which takes less time than
+        one array after another.
 
         Returns
         -------
-        For each component of a quantity: a `LazyColumn`, which computes its n numbers when
-        it is read, and a view (n,) of the array to be filled with them.
+        For each component of a quantity, the source and the destination of its numbers: a
+        `LazyColumn`, which computes the n numbers when it is read, and a view (n,) of the
+        array into which they are copied.
         """
         n = len(self._field.status)
         columns: list[tuple[LazyColumn, Floats]] = []

@@ -416,7 +416,8 @@ class ModeOverview:
     Attributes
     ----------
     spans
-        Spans of successive samples with the same status, by the name of the status.
+        Spans of successive samples with the same status (`Status`: OK, or the reason why
+        there is no result), by the name of the status.
     closing_spans
         Spans of successive samples at which the mode closes.
     transmission
@@ -465,6 +466,7 @@ class ModeOverview:
             first = first_sample + start
             last = first_sample + stop - 1
             spans.add(first, last)
+            # With the statuses OK and AT_SINGULARITY, the mode has a configuration.
             if has_configuration(codes[start]):
                 self.closing_spans.add(first, last)
 

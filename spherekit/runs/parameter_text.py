@@ -24,7 +24,7 @@ _TEXT_WORDING = TypeWording(
     },
     lambda choices: "|".join(map(str, choices)),
     "+".join,
-    lambda item: f"{item}+...",
+    lambda item: f"{item}+{item}+...",
 )
 """Words for the types of parameters in text."""
 

@@ -60,10 +60,12 @@ class PendingRows:
         rows = (first_row_of_mode[:, None] + examined).ravel()
         times = None
         if motion.timing is not None:
-            timing = motion.timing
-            dq = timing.dq[rows]
-            t = np.broadcast_to(timing.t[rows, None], dq.shape)
-            times = np.stack([x.reshape(*shape, -1) for x in (t, dq, timing.ddq[rows])])
+            # Rates and accelerations (rows, inputs) of the inputs. The time is repeated for
+            # each input, so that the three arrays can be stacked: (3, modes, k, inputs).
+            dq = motion.timing.dq[rows]
+            ddq = motion.timing.ddq[rows]
+            t = np.broadcast_to(motion.timing.t[rows, None], dq.shape)
+            times = np.stack([x.reshape(*shape, -1) for x in (t, dq, ddq)])
         return cls(
             motion.sample[examined],
             motion.inputs[rows].reshape(*shape, -1),
@@ -85,7 +87,7 @@ class PendingRows:
         )
 
     def to_motion(self, motion: Motion) -> Motion:
-        """Return the collected rows as a motion, the form in which rows are examined.
+        """Return the rows as a motion. `MotionOverview` examines rows in this form.
 
         A motion has k samples in the first assembly mode, then the same samples in the
         second mode, and so on.

@@ -216,7 +216,7 @@ class RecordingSession:
         self._sampling = final_sampling
 
     def record_motion(self, motion: Motion) -> None:
-        """Record the links of a block (samples), and the plots that every recording has."""
+        """Record the links at a block of samples, and the plots of every recording."""
         motion, _ = self._recorded_part(motion)
         if not motion.samples:
             return
@@ -285,17 +285,21 @@ class RecordingSession:
         )
 
     def _log_over_samples(self, scene: Scene, motion: Motion) -> None:
-        """Pass a scene of a block to the recorder, with inputs or times as its timeline.
+        """Pass a scene to the recorder, together with the samples to which it belongs.
+
+        The samples form a block (group of successive samples). The inputs or times of the
+        samples tell the recorder where each row of the scene belongs on a timeline.
 
         Parameters
         ----------
         scene
-            The drawings. Their horizontal axis is added here.
+            The drawings, with one row for each sample. The axes over which values are
+            plotted, the inputs or the time, are added here.
         motion
-            The recorded samples of the block.
+            The recorded samples of the block, in one or several assembly modes.
         """
-        # The first `count` rows are all samples in the first assembly mode. All modes have
-        # the same inputs and times.
+        # A motion has all samples in the first assembly mode, then all in the second, ...
+        # All modes have the same inputs and times, so those of the first mode are used.
         count = motion.samples
         scene_over_samples = replace(scene, over=self._axes(motion))
         inputs = None
@@ -319,8 +323,8 @@ class RecordingSession:
         motion
             The configurations of the block, in all assembly modes.
         """
-        # The first `count` rows are all samples in the first assembly mode. All modes have
-        # the same inputs and times.
+        # A motion has all samples in the first assembly mode, then all in the second, ...
+        # All modes have the same inputs and times, so those of the first mode are used.
         count = motion.samples
         times = self._sampling.t  # None if the samples are values of the inputs
         if times is not None and motion.timing is not None:

@@ -110,6 +110,8 @@ def need_disk_for_run(
     """
     written_bytes = store.size
     stored_bytes = written_bytes * sample_count / samples_done
+    # Sizes of files are predicted as multiples (`relative_size`) of the size of the stored
+    # rows.
     csv_bytes = TABLE_FORMATS["csv"].relative_size * stored_bytes
     formats = choose_formats(formats, csv_bytes)
     relative_size = sum(TABLE_FORMATS[name].relative_size for name in formats)

@@ -144,7 +144,8 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
     where
         Names of analysis, table and column, for messages.
     column
-        The declared column. Its kind is "number", "text" or a kind of whole numbers.
+        The declared column. Its kind is "number", "text" or one of several kinds of whole
+        numbers.
     data
         The values that the analysis returned: an array, or an `Interleaved` column. An
         `Interleaved` column has an array for each of several subjects, such as poles, and

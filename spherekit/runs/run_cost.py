@@ -19,8 +19,9 @@ REST = "rest"
 def count_evaluations(request: Request) -> dict[str, int]:
     """Count what a run evaluates at each configuration while one input moves.
 
-    A request is the list of quantities to evaluate. A pole is the axis about which one link
-    rotates relative to another. All counts are zero if no poles are requested.
+    The counts show the user what a run costs. A request is the list of quantities to
+    evaluate. A pole is the axis about which one link rotates relative to another. All
+    counts are zero if no poles are requested.
 
     Returns
     -------

@@ -73,10 +73,10 @@ class RunFolder:
     def open(cls, path: AnyPath) -> "Iterator[RunFolder]":
         """Create and lock the folder of a run for a `with` statement.
 
-        The folder has a hidden work folder. A run stores unfinished work there, and
-        complete results until they are moved to the folder. At the end of the `with`
-        statement, work that can be resumed stays there. Everything else is removed from the
-        work folder.
+        The folder has a hidden work folder. A run stores unfinished work there. It also
+        writes its results there first, and moves them to the folder when they are complete.
+        At the end of the `with` statement, work that can be resumed stays in the work
+        folder. Everything else is removed from it.
 
         Raises
         ------
@@ -284,9 +284,10 @@ class RunFolder:
             If a file cannot be moved, or would replace a file that no run has written.
         """
         finished_folder = self.work / FINISHED
-        # The size in bytes of each file of the run, by file name.
+        # The summary has a signature, which shows that a run has written it. It lists the
+        # size in bytes of each file of the run, by file name.
         listed_names = _signed_summary(finished_folder / SUMMARY)[FILE_BYTES]
-        # For safety, names with a folder are left out. A run writes none.
+        # For safety, names that contain a folder are left out. A run lists no such names.
         names = [*(name for name in listed_names if Path(name).name == name), SUMMARY]
         self.refuse_foreign_results(names)
         try:

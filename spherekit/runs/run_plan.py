@@ -321,8 +321,10 @@ class RunPlan:
         ----------
         analysis_name
             Name of the analysis, or `MOTION` for the configurations and events of the run.
-        table, rows
-            A declared table, and its columns for the block.
+        table
+            A table that the analysis, or the motion, has declared.
+        rows
+            The columns of this table for the block of samples.
         run_state
             The state of the run, in which rows and failed rows are counted in place.
         table_store
@@ -337,8 +339,8 @@ class RunPlan:
                 for mode in self.sampling.position_analysis.assembly_modes
                 if mode.name
             }
-            # Both calls add a column for the names of assembly modes (ways to assemble the
-            # mechanism) if there are any.
+            # If assembly modes (ways to assemble the mechanism) have names, a column with
+            # these names is added: first to the declared table, then to its rows.
             stored_table = table.with_names(self.mechanism)
             stored_rows = stored_table.named(rows, mode_names)
             table_store.add(analysis_name, stored_table, stored_rows)
@@ -427,7 +429,7 @@ class RunPlan:
         A declaration has the columns of a table with their units, but no rows. The run
         itself has tables of configurations and events, under the name `MOTION`. If the
         mechanism has names for assembly modes (ways to assemble the mechanism), tables get
-        a column for them.
+        a column for them. The runner makes the result with the declarations.
 
         Parameters
         ----------
@@ -448,14 +450,14 @@ class RunPlan:
 def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
     """Ask each analysis for its needs (the quantities that it reads), and check them.
 
-    An analysis can be a plugin by other people. If it is faulty, the other analyses are run
-    nevertheless. The reason is noted in the result.
+    An analysis can be a plugin by other people. If a plugin is faulty, the run continues
+    with the other analyses, and the result has the reason.
 
     Raises
     ------
     AnalysisError
-        If a parameter does not fit the mechanism, or two analyses have the same name, or
-        tables with the same file name.
+        If a parameter does not fit the mechanism, if two analyses have the same name, or if
+        two tables would be stored in files of the same name.
     PlanError
         If the mechanism has no pair that can be driven.
     """
@@ -488,9 +490,12 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
 def _refuse_equal_file_stems(analyses: Analyses) -> None:
     """Raise `AnalysisError` if tables of two analyses have the same file name.
 
-    The second table of the analysis ``a`` can have the same file name as the first table of
-    an analysis ``a_b``. A run writes events of a simulation, too.
+    Each table is written to a separate file, so one file would replace the other. The first
+    table of an analysis ``a`` is in the file ``a``. Its other tables have the name of the
+    table at the end, such as ``a_b`` for the table ``b``. This is also the name of the
+    first table of an analysis ``a_b``.
     """
+    # The run itself writes a table of the events of a simulation. Its file name is taken.
     owner_by_stem = {f"{MOTION}_{EVENTS.name}": "the run itself"}
     for analysis in analyses:
         tables = {analysis.name: analysis.requested_tables()}
@@ -518,10 +523,10 @@ def _missing_time_sentence(sampling: Sampling) -> str:
             "statics computes holding torques on a grid"
         )
     return (
-        "needs a motion in time, but listed values of several inputs have no times (only a "
-        "single input passes listed values at constant speed); leave out the values to move "
-        "all inputs together through their ranges at constant speed, or give a law for "
-        "every input, and a duration"
+        "needs a motion in time, but listed values of several inputs have no times (only "
+        "a single input passes listed values at constant speed); leave out the values to "
+        "move all inputs together through their ranges at constant speed, or give a law "
+        "for every input, and a duration"
     )
 
 

@@ -145,9 +145,10 @@ class RunState:
     def from_journal(cls, entries: Facts) -> Self:
         """Return the state of a stopped run from its journal, in order to resume the run.
 
-        The next block of samples needs a part of the state: signs of pole directions, and
-        angles with their whole revolutions. The summary of the run needs the rest, such as
-        counted rows, largest errors and the mobility.
+        The next block of samples continues from a part of the state: the last angles with
+        their whole revolutions, and the signs of pole directions. A pole direction is an
+        axis of relative rotation, and its sign must not jump between blocks. The summary of
+        the run needs the rest, such as counted rows, largest errors and the mobility.
 
         Parameters
         ----------
@@ -334,23 +335,26 @@ class RunState:
         table, data
             The declared table, and its columns for the block.
         batch
-            The samples that the analysis has read, with its declared needs. None if failed
-            rows are not counted.
+            The samples of the block as the analysis has read them. Its `needs` say what the
+            analysis reads, for example poles. None if failed rows are not counted.
         has_rows_of_batch
-            Whether the rows belong to the samples of the batch.
+            Whether the rows belong to the samples of the batch. False for an analysis that
+            reads only the mechanism.
         """
         self.counts[ROWS, analysis_name, table.name] += row_count(data)
         if batch is None:
             return
+        # OK is ignored, and the statuses of poles if the analysis reads poles.
         ignored = _find_ignored_statuses(batch.needs)
-        # Tables in assembly modes (ways to assemble the mechanism) have a row for each
-        # configuration.
+        # Tables in assembly modes (ways to assemble the mechanism) have rows for each
+        # configuration. If the configuration failed, the codes of its rows are left out.
         has_configurations = has_rows_of_batch and table.in_assembly_modes
         key = (FAILED, analysis_name, table.name)
         status_columns = [column for column in table.columns if column.kind == "status"]
         for column in status_columns:
-            # Several poles may share one array of codes, which is examined only once. The
-            # counts are multiplied by the number of these poles.
+            # A table may have a row for each pole of a configuration. Several poles may
+            # share one array of codes. It is examined only once, and the counts are
+            # multiplied by the number of these poles.
             for codes, pole_count in _status_arrays(data[column.name]):
                 counted_codes = codes
                 if has_configurations:
@@ -401,14 +405,14 @@ class RunState:
         Returns
         -------
         The largest error of each kind by name, None if no row has one. Two further entries
-        tell how velocities were computed: the fraction of configurations by velocity
-        equations in quad precision, and the fraction by a kernel (compiled functions for
-        many rows). The rest was computed in float64 without a kernel. The fractions are
-        None if no velocities were computed.
+        tell how velocities were computed. The first is the fraction of configurations at
+        which velocity equations were solved in quad precision. The second is the fraction
+        that a kernel (compiled functions for many rows) evaluated. The rest was computed in
+        float64 without a kernel. The fractions are None if no velocities were computed.
         """
         keys = (CLOSURE_RESIDUAL, CONFIGURATION_ERROR, *POLE_ERROR_KEYS.values())
         errors = {key: self.error_maxima.get(key) for key in keys}
-        # Keys of counts are tuples, here of one text.
+        # The keys of `counts` are tuples. These keys have one element, hence the commas.
         evaluated = self.counts[EVALUATED,]
         fractions: dict[str, float | None] = {
             "fraction_by_velocity_equations": None,
@@ -454,13 +458,15 @@ def _omit_failed_configurations(
     If the mechanism cannot be assembled at a sample, its configuration there has a status
     such as "out of reach". The rows of the analysis at this sample have the same status,
     which is no failure of the analysis. Codes that equal the status of the configuration of
-    their row are left out.
+    their row are left out. The caller counts the remaining codes as failures of the
+    analysis.
 
     Parameters
     ----------
     codes
-        (n,) status codes of all rows of the table. For an `Interleaved` column, the codes
-        of one pole (axis of the relative rotation of two links).
+        (n,) status codes of all rows of the table. A table with a row for each of several
+        poles (axes of the relative rotation of two links) has `Interleaved` columns, which
+        store an array for each pole. `codes` is then the array of one pole.
     data
         Columns of the table.
     column

@@ -173,7 +173,8 @@ class Sampling:
         """Return the positions of the mechanism at some samples of a simulation.
 
         All positions get the number of the assembly mode (way to assemble the mechanism) in
-        which the simulation starts.
+        which the simulation starts. The number stays the same even if the mechanism passes
+        a dead centre, where modes meet.
 
         Parameters
         ----------
@@ -755,7 +756,7 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
         if duration is None:
             yield (
                 ("start",),
-                f"a simulation from a start needs a duration in s; {DURATION_ADVICE}",
+                f"a simulation needs a duration in s; {DURATION_ADVICE}",
             )
         try:
             start.each(inputs)
@@ -825,7 +826,8 @@ def _default_timing(q: Floats, is_straight: bool) -> Timing:
         there is a single input with values in any order, which moves from its least to its
         greatest value.
     """
-    # (2, inputs): the first and the last values, or the least and the greatest.
+    # (2, inputs): the first and the last values, or the least and the greatest. The first
+    # result of `input_extents` is about the inputs, the second one about their rates.
     ends = q[[0, -1]] if is_straight else input_extents(q)[0]
     displacement = ends[1] - ends[0]
     fastest = np.argmax(np.abs(displacement))

@@ -120,7 +120,8 @@ class SettingMeasurement:
     floor
         Error of the reference values themselves. Smaller errors cannot be measured.
     reference_tables
-        Tables of the analysis, computed from the reference values.
+        Result tables of the analysis, computed from the reference values. They give the
+        scale of each column, relative to which its errors are stated.
     settings
         The settings with their times and errors.
     """
@@ -259,8 +260,9 @@ def _find_reference_rows(motion: Motion, sample_count: int) -> Indices:
     """Return the row (n,) of the whole run to which each row of a block belongs.
 
     A row is one sample in one assembly mode (way to assemble the mechanism). The whole run
-    first has the rows of all samples in the first mode, then the rows in the next mode. The
-    block has the same order, but only some of the samples.
+    first has the rows of all samples in the first mode, then the rows in the next mode. A
+    block has the same order, but only those samples that are computed together. With these
+    rows, the caller finds the reference poles to which the poles of the block are aligned.
 
     Parameters
     ----------

@@ -99,11 +99,15 @@ class StoredTables:
         self._file_counts[key] += 1
 
     def pieces(self, analysis: str, table: Table) -> Iterator[Mapping[str, Any]]:
-        """Yield the columns of all rows of a table in pieces, one assembly mode at a time.
+        """Yield the columns of all rows of a table in pieces, sorted by assembly mode.
 
-        An assembly mode is one of the ways to assemble the mechanism. The rows are in one
-        file for each block of samples. A file consists of groups, and the rows of a group
-        belong to one assembly mode.
+        An assembly mode is one of the ways to assemble the mechanism. A piece has
+        `CHUNK_ROWS` successive rows of the table, so that a long table needs little memory.
+        The last piece has the remaining rows.
+
+        The rows are in one file for each block of samples. A file consists of groups, and
+        the rows of a group belong to one assembly mode. The notes in the file list the mode
+        of each group.
 
         Raises
         ------

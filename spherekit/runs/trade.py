@@ -430,8 +430,9 @@ def _trade_samples(run_plan: RunPlan, study: Study, trade_options: TradeOptions)
             count.
         """
         if is_compared:
-            # The two directions along a pole (axis of relative rotation) are equally right.
-            # Computed directions get those of the reference, so that they can be compared.
+            # A pole (axis of relative rotation) is given by a unit vector, and the opposite
+            # vector is equally right. Computed vectors get the signs of the reference, so
+            # that they can be compared.
             return compute_timed_tables(sampling, analysis, setting, reference.pole_fields)
         # Long runs with the default setting, `ORDINARY`, use a kernel (compiled functions
         # for many rows). So this setting is timed at enough samples for a kernel.

@@ -260,7 +260,8 @@ def _choose_from_trades(
     """
     # For each trade, its usable settings with their times and errors. A setting is usable
     # (`counts`) if it could be run and has computed all values that the reference has.
-    # Items without a setting are values of a parameter of the analysis, and are left out.
+    # A trade can also contain measurements for values of a parameter of the analysis. They
+    # have no setting, and are left out.
     measured_of_trades: list[dict[Setting, Measured]] = []
     for analysis_trade in trades:
         measured_by_setting = {}

@@ -129,8 +129,8 @@ def compute_reference_tables(
     # request for each input. It lists the poles that are read while this input moves and
     # the other inputs are locked.
     requests = [request for request in run_plan.requests if request.poles]
-    # The poles of all rows, in float64. The directions of the reference get the senses of
-    # these directions.
+    # The poles of all rows, in float64. A pole direction can be reversed without a change
+    # of its axis. `compute_reference` gives its directions the same senses as these.
     pole_fields = [evaluate(motion, request) for request in requests]
     reference = compute_reference(motion, requests, pole_fields, inputs=inputs)
     # The attribute `samples` is the number of rows of each assembly mode (way to assemble
@@ -149,6 +149,7 @@ def compute_reference_tables(
     return ReferenceTables(
         tables=run_plan.compute_tables(analysis, batch),
         pole_fields=reference.pole_fields,
+        # End of the phrase "the closure equations in 20 digits, 3 rows without".
         lacking=f", {lacking_count} rows without" if lacking_count else "",
     )
 
@@ -163,14 +164,25 @@ def measure_deviations(
 def align_directions(
     pole_fields: PoleFields, reference: Sequence[PoleField], rows: Indices
 ) -> tuple[PoleField, ...]:
-    """Return pole fields with directions to the same side as the reference directions.
+    """Reverse the directions of poles that point opposite to the reference directions.
 
-    A pole is the axis about which one link rotates relative to another. A pole field has
-    the poles in several rows (configurations), for one input. The arrays of `pole_fields`
-    are changed in place.
+    A pole is the axis about which one link rotates relative to another. The two senses of
+    this axis are equally right, so a reversed direction must not count as a deviation from
+    the reference. A pole field has the poles in several rows (configurations), for one
+    input.
 
-    `rows` are the rows of the reference that belong to the rows of the fields. The two
-    senses of a pole axis are equally right, so they must not count as a deviation.
+    Parameters
+    ----------
+    pole_fields
+        The fields. Their arrays are changed in place.
+    reference
+        The reference fields, for the same inputs.
+    rows
+        For each row of the fields, the index of the same configuration in the reference.
+
+    Returns
+    -------
+    The changed fields.
     """
     computed_fields = tuple(field.as_arrays for field in pole_fields)
     for field, reference_field in zip(computed_fields, reference, strict=True):

@@ -188,8 +188,9 @@ class Trade:
         """Return the best setting that meets a tolerance, None if no setting does.
 
         A setting is a way to compute a run. It meets the tolerance if `MARGIN` times its
-        error does not exceed the tolerance. The margin allows for errors that were measured
-        at some samples only. Measured times scatter, so all settings that are about as fast
+        error does not exceed the tolerance. This factor is needed because errors were
+        measured at some samples only, and other samples can have larger errors. Measured
+        times scatter, so all settings that are about as fast
         as the fastest one count as equally fast. The most accurate of these settings is
         returned.
 

@@ -120,7 +120,8 @@ class _BlockRows(ArrayRows):
         """Return the same rows, some of them replaced by rows of another object.
 
         A row is one sample in one assembly mode, with its configuration and its poles (axes
-        of relative rotation). The new rows are values in many digits.
+        of relative rotation). The caller replaces rows of a run by the same rows computed
+        in many digits. It then compares the tables of both.
 
         Parameters
         ----------
@@ -762,17 +763,18 @@ def _summarize_columns(columns: Sequence[Facts]) -> Facts:
         For each column:
 
         - its table and name;
-        - ``compared``: whether it was compared;
-        - ``in_roundings``: the largest ratio of a deviation to the error that rounding can
-          cause. This error is the rounding error of the value, times the condition number
-          of the row;
+        - ``compared``: whether it was compared. A column is not compared if it has values,
+          but only in rows without a reference value;
+        - ``in_roundings``: the largest ratio of a deviation (from the reference value) to
+          the error that rounding can cause. This error is the rounding error of the value,
+          times the condition number of the row;
         - ``worst``: the row with the largest ratio;
         - ``beyond``: whether the ratio is too large to be explained by rounding.
 
     Returns
     -------
-    The compared columns, the names of the other columns, the row with the largest
-    deviation, and the names of the columns that deviate by more than rounding.
+    The compared columns, the names of the other columns, the column and row with the
+    largest ratio, and the names of the columns that deviate by more than rounding.
     """
     # There is at least one compared column, since the configurations are always compared.
     compared = [item for item in columns if item["compared"]]

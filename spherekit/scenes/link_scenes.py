@@ -86,9 +86,11 @@ def link_shapes(mechanism: Mechanism) -> list[Body]:
 def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
     """Return a scene (drawing) with the ground, and the plans of the poles as a text.
 
-    A pole is the axis of the relative rotation of two links. A plan lists the steps in
-    which poles are found while one input moves and the other inputs are locked. The search
-    for poles has several rounds, called passes. In each pass poles are found as
+    A pole is the axis of the relative rotation of two links. A plan is for a motion in
+    which one input moves and the other inputs are locked. It lists the steps in which the
+    poles of this motion are found.
+
+    The search for poles has several rounds, called passes. In each pass poles are found as
     intersections of great circles through poles of earlier passes. Some poles follow
     together from one system of equations for a group of links, called an irreducible part.
 
@@ -291,10 +293,11 @@ def link_curves(joints: Floats) -> list[Floats]:
 def _order_corners(corners: Floats) -> Floats:
     """Return the corners (k, 3) of a spherical polygon in convex order, as unit vectors.
 
-    The corners are sorted by their azimuth about the middle, the direction of their sum.
-    Corners on one great circle are sorted about the normal of its plane. Other corners that
-    cancel each other have no middle. The first corner then takes its place, so that the
-    order is at least determined.
+    The caller draws the sides of a link between successive corners. The corners are sorted
+    by their azimuth about the middle, which is the direction of their sum. There are two
+    exceptions. Corners on one great circle are sorted about the normal of its plane. If the
+    sum of other corners is nearly zero, the first corner serves as the middle. The order is
+    then at least determined.
     """
     # The direction in which the corners extend least: the normal, if they are in a plane.
     _, extents, directions = np.linalg.svd(corners)

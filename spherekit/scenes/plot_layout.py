@@ -54,15 +54,15 @@ def quantity_scale(values: Floats, unit: str) -> float:
     """Return the scale of a quantity, relative to which a plot recognises rounding errors.
 
     The scale is the largest magnitude. For angles, rates and pure numbers it is at least 1,
-    since smaller values may be rounding errors. Torques and inertias may be small, and have
-    no such limit.
+    since smaller values may be rounding errors. Other quantities, such as torques and
+    inertias, are small if the mechanism is small. Their scale has no such limit.
 
     Parameters
     ----------
     values
         Values of the quantity.
     unit
-        Its unit: torques, inertias and the like have kg, N, W, J or m in it.
+        Its unit. A unit with kg, N, W, J or m in it belongs to one of the other quantities.
     """
     largest = float(max_abs(values[np.isfinite(values)]))
     is_dimensional = any(part in unit for part in DIMENSIONAL_UNITS)

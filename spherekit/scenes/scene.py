@@ -162,7 +162,10 @@ class Trace:
 
     @property
     def at_first(self) -> Floats:
-        """The path in ground axes, with the link as at its first sample without NaN."""
+        """The path in ground axes, for figures, which show the link in a single pose.
+
+        This pose is that of the first sample with a known orientation (not NaN).
+        """
         if self.quaternions is None:
             return self.directions
         first_row = np.argmax(all_finite(self.quaternions, 1))
@@ -370,13 +373,14 @@ class SphereCurves:
     path : str
         Address of the curves in a recording for the 3D viewer.
     label : str
-        Name of the curves.
+        What the curves are, for example for the legend of a figure.
     curves : sequence of arrays (k, 3)
         Polylines of unit vectors.
     tone : int
-        Number of the colour in the list of colours.
+        Number of the colour of the curves, in the list `TONES` of
+        `spherekit.scenes.colours`.
     marks : sequence of Mark
-        Named unit vectors (3,).
+        Directions with a name and a colour of their own.
     """
 
     path: str
@@ -525,7 +529,7 @@ class Graph:
         pair.
     edges : sequence of (identifier, identifier)
         The identifiers of the link and the pair that each edge joins.
-    positions : array (k, 2)
+    positions : sequence (k,) of (x, y)
         Positions of the nodes in the unit square.
     """
 
@@ -623,8 +627,9 @@ class Scene:
     def thinned(self, chosen: Bools) -> "Scene":
         """Return the scene with only some of the samples, for shorter recordings.
 
-        The scene is returned unchanged if its values are plotted over other quantities
-        than the samples, such as a frequency (see `over`).
+        A sample is one configuration in the run. The scene is returned unchanged if its
+        values belong to another quantity, such as a frequency, instead of the samples (see
+        `over`).
 
         Parameters
         ----------

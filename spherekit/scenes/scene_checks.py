@@ -443,14 +443,16 @@ def _check_numbers(
 
 
 def _check_sequence(where: str, name: str, value: Any, kind: type | None = None) -> Any:
-    """Return a field of a drawing if it is a sequence, or raise `PluginError`.
+    """Return the value of a field of a drawn object, or raise `PluginError`.
+
+    The error is raised if the value is no sequence, or if an item has the wrong class.
 
     Parameters
     ----------
     where
         Words for the object that is drawn, with which messages begin.
     name
-        Name of the field.
+        Name of the field, for messages.
     kind
         The class of all items, without derived classes. By default the items may be
         anything.
@@ -462,7 +464,8 @@ def _check_sequence(where: str, name: str, value: Any, kind: type | None = None)
             f"{where}: {name} is a {type(value).__name__}; it has to be a sequence"
         )
     for k, item in enumerate(value):
-        # As for primitives, `ARRAY_SHAPES` has no shapes for derived classes.
+        # Checks look up the exact class of an item in `ARRAY_SHAPES`, in which derived
+        # classes are missing.
         if kind is not None and type(item) is not kind:
             raise PluginError(
                 f"{where}: {name}[{k}] is a {type(item).__name__}; it has to be a "

@@ -587,7 +587,9 @@ class _AspectGraph:
     def _follow_unknown_paths(self, starts: Indices, directions: Indices) -> None:
         """Follow the paths that were not yet followed from their other end.
 
-        A path leads from a configuration to a neighbouring sample of the grid of inputs.
+        A path leads from a configuration to a neighbouring sample of the grid of inputs. It
+        is known if it was followed before in the opposite direction, from the configuration
+        at the neighbouring sample.
 
         Parameters
         ----------
@@ -704,13 +706,13 @@ class _AspectGraph:
         # (n,) number of the aspect of each configuration.
         label = _number_by_size(label_components(len(regular_numbers), edges))
         sizes = np.bincount(label)
-        # Determinants tell aspects apart by their signs. One is zero at type II, where the
-        # output can move while the inputs rest. The other one is zero at type I, where
-        # inputs can move while the output rests.
+        # The signs of two determinants tell aspects apart. `determinant_two` is zero at
+        # type II, where the output can move while the inputs rest. `determinant_one` is
+        # zero at type I, where inputs can move while the output rests.
         determinant_two = nodes.determinant_two
         determinant_one = nodes.determinant_one
         if not self.has_sign_of_type_one:
-            # The determinant is never negative in this mechanism, so its sign tells
+            # `determinant_one` is never negative in this mechanism, so its sign tells
             # nothing. Zeros have the sign 0.
             determinant_one = np.zeros_like(determinant_one)
         return Aspects(

@@ -183,15 +183,17 @@ class LocusPointSearch:
             yield points
 
     def _batches_on_slices(self, section: LockedInputSection) -> Iterator[LocusPoints]:
-        """Yield singular configurations on the curves of slices, some curves at a time.
+        """Yield singular configurations that are found on the curves of slices.
 
         A slice is the set of configurations in which all inputs but one are locked at
-        certain values. The search ends early if the time limit is reached.
+        certain values. It consists of curves. Each batch has the singular configurations on
+        up to `SLICE_CURVES_AT_ONCE` curves. The search ends early if the time limit is
+        reached, which is tested before each batch.
 
         Parameters
         ----------
         section
-            The slices, as curves of configurations.
+            The curves of all slices.
         """
         curves = section.slices
         for first in range(0, len(curves), SLICE_CURVES_AT_ONCE):
@@ -256,6 +258,9 @@ class LocusPointSearch:
 
     def _completeness_of_random_starts(self, item: str) -> Completeness:
         """Return how many random starts were used, and how many led to nothing new.
+
+        From a start Newton's method can reach a singular configuration. The caller of the
+        search then follows the curve or surface of singular configurations from there.
 
         Parameters
         ----------

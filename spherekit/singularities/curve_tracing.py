@@ -185,8 +185,8 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         Parameters
         ----------
         rows
-            Rows of the curves that are followed at present. If n curves are followed, row k
-            is the first direction of curve k, and row n + k the second one.
+            Rows that are followed at present. There are two rows for each of the n curves:
+            row k is the first direction of curve k, and row n + k the second one.
         """
         curve_count = len(self.end_status) // 2
         second_directions = rows[rows >= curve_count]
@@ -322,17 +322,20 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def select_steps(
         self, rows: Indices, steps: Floats, new_nodes: _LocusNodes, is_verified: Bools
     ) -> Bools:
-        """Return a mask (k,) of the steps that are taken; end curves that leave a profile.
+        """Return a mask (k,) of the verified steps that stay on the profiles of contacts.
 
-        A contact of two profiles exists only while the contact point is on both profiles. A
-        step beyond the end of a profile is not taken.
+        A step leads along a curve of singular configurations. A contact exists only while
+        its contact point is on both of its profiles (contact curves of the links). A step
+        is not taken if it moves a contact point beyond the end of a profile. The curve of
+        configurations then ends with the status OFF_PROFILE.
 
         Parameters
         ----------
         rows
-            (k,) indices of the curves.
+            (k,) rows of the curves.
         steps
-            (k,) lengths of the steps (not used).
+            (k,) lengths of the steps. The base class passes them, but they are not needed
+            here.
         new_nodes
             The k nodes at which the steps end.
         is_verified

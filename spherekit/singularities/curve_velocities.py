@@ -238,7 +238,7 @@ class LinkMotion:
         zero, w' is along the axis. At the arc length x from the zero, the axis has turned a
         little, which adds to the error:
 
-            error = x * (1 + turning rate of the axis) + rounding error of w / |w'|
+            error = x * (1 + turning rate of the axis) + (rounding error of w) / |w'|
 
         The distance x is estimated as |w| / |w'|.
         """
@@ -438,7 +438,8 @@ class CurveMotion:
 
         A pole is the axis about which one link rotates relative to another. `pole_axes`
         returns each axis with an arbitrary sense. Here the sense at the start of the curve
-        is continued along the whole curve.
+        is continued along the whole curve. Rates about these axes, and triple products of
+        the axes, then have no jumps of sign.
 
         Parameters
         ----------
@@ -549,7 +550,8 @@ class CurveMotion:
         has after the zero.
 
         At each zero w reverses, but the result does not. So the direction of w after the
-        zero is multiplied by -1 if w has reversed an odd number of times until then.
+        zero is multiplied by -1 if w has reversed an odd number of times since the start of
+        the curve.
 
         Parameters
         ----------

@@ -46,7 +46,7 @@ class FulfilledCondition:
     """A geometric condition that is fulfilled at a singular configuration.
 
     The condition says that axes of relative rotation of links are parallel, or that planes
-    through such axes coincide.
+    coincide that each contain two of these axes.
 
     Attributes
     ----------
@@ -61,8 +61,8 @@ class FulfilledCondition:
         fulfilled exactly.
     certain
         Whether the residual is within the tolerance, which follows from the error bounds of
-        the axes. False if the residual is between this tolerance and `UNDECIDED_FACTOR`
-        times this tolerance.
+        the axes. If the residual is larger, but at most `UNDECIDED_FACTOR` times the
+        tolerance, the condition is reported as uncertain.
     """
 
     label: str
@@ -121,7 +121,10 @@ class CoincidentPlanes:
     def sine(self, poles: SixPoles) -> Floats:
         """Return how far (n,) the two planes are from coinciding, as the sine of an angle.
 
-        In general this is the angle between the planes. But if the three axes of one plane
+        `find_conditions` compares it with a tolerance, and so tells users why a
+        configuration is singular.
+
+        In general the angle is that between the planes. But if the three axes of one plane
         are parallel, they determine no plane. In this case one plane is fitted to the axes
         of both planes. The angle is then the largest angle between one of these axes and
         the fitted plane.
@@ -364,14 +367,15 @@ def _condition_of_three_links(
 class RelationAt:
     """The input-output relation c y' = d q' at one singularity.
 
-    q' is the rate of the input: of link i relative to its reference r. y' is the rate of
-    the output, in one of two forms: of link o relative to its reference s, or to r.
+    q' is the rate of the input: the rate of link i relative to its reference link r. y' is
+    a rate of the output link o. The relation has two forms, which differ in the link
+    relative to which y' is counted.
 
     Attributes
     ----------
     form
-        "i" if the output is the rotation of link o relative to s, "ii" if it is the
-        rotation relative to r.
+        "i" if y' is the rate of link o relative to its own reference link s. "ii" if y' is
+        the rate of link o relative to the reference link r of the input.
     c, d
         The coefficients, which follow from the directions of pole axes (axes of relative
         rotation of two links) alone.
@@ -384,9 +388,10 @@ class RelationAt:
         The geometric conditions of this type that are fulfilled: parallel axes, planes that
         coincide.
     note
-        The type also follows from the rates: y' = 0 (I), q' = 0 (II) or both (III). If this
-        type is not `type`, the note says why. This y' is that of the singularity, also if
-        the form has another y'. The note is empty if both types are the same.
+        Why the rates give another type than `type`; empty if they give the same. By the
+        rates, the type is I if the output rests, II if the input rests, and III if both
+        rest. The output is here that of the mechanism: the rotation of link o relative to
+        its own reference link. In form "ii", y' can be the rate of another rotation.
     """
 
     form: Form

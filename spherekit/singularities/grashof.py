@@ -65,8 +65,9 @@ class Grashof:
 def grashof(mechanism: Mechanism) -> Grashof | None:
     """Return the Grashof class of a spherical four-bar, None for other mechanisms.
 
-    The class says which links turn fully. The fixed link is the ground if the driven pair
-    is on it, otherwise the first link of the driven pair.
+    The class says which links turn fully, relative to the fixed link. The driven pair joins
+    the fixed link and the input link. The fixed link is the ground if the driven pair is on
+    it, otherwise the first link of the driven pair.
     """
     links = four_bar_links(mechanism)
     if links is None:

@@ -263,10 +263,12 @@ class ThirdAxis:
     sign_of_d
         1 or -1, the sign in the formula of d.
     label_suffix
-        End of the label of a condition for a singularity, after its type I, II or III. In
-        R. Di Gregorio's lecture on the singularity analysis of spherical mechanisms, it
-        depends on which two of the four links are the same. Empty if the lecture has no
-        suffix.
+        End of the label of a condition for a singularity. A label such as "II.3" has the
+        type of the singularity (II), followed by this suffix (".3"). The suffix says which
+        link input and output share: it is ".2" if their moving links are the same, and ".3"
+        if their reference links are the same. The numbers follow R. Di Gregorio's lecture
+        on the singularity analysis of spherical mechanisms. In other cases, and in form
+        "ii", the suffix is empty.
     """
 
     name: str

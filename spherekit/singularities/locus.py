@@ -148,10 +148,11 @@ class SingularityMeasure:
         `constrained_rates` (n, m, k) are products E x. Each of the k columns x is a motion:
         rates of all variables that close the loops. E x are the m rates that have to be
         zero at a singularity: those of the inputs or of the output. The g changes of the
-        configuration are independent and keep the loops closed.
+        configuration are independent and keep the loops closed. The gradient of `value`
+        follows from the result.
 
-        Two things change with the configuration: the matrix E, and the motions x, which are
-        corrected so that these rates still close the loops.
+        Two things change with the configuration. The matrix E changes, and each motion x is
+        corrected, because it has to close the loops of the changed configuration.
         """
         changes = self.space.closed_changes
         basis = self.motion_space.basis[:, None]  # (n, 1, variables, k) the motions x
@@ -735,11 +736,14 @@ class SingularityLocus:
     def _closing_step(self, linearised: _LinearisedLocus) -> _ClosingStep:
         """Return the shortest step that closes slightly open loops, with its effects.
 
-        x are the rates of a motion that closes the loops. E x are the m rates of the inputs
-        or of the output, which are zero in a singular configuration. The step changes the V
-        pair variables of n configurations. The motion x then has to change so that it
-        closes the loops of the changed configuration. E x changes for two reasons: because
-        E depends on the configuration, and because x changes.
+        The step is a part of a step of Newton's method, which looks for singular
+        configurations. It changes the V pair variables of n configurations. x are the rates
+        of a motion that closes the loops. E x are the m rates of the inputs or of the
+        output, which are zero in a singular configuration.
+
+        The step has two effects, which the other parts of Newton's step need. First, x gets
+        the smallest change by which it closes the loops of the changed configuration.
+        Second, E x changes, because E depends on the configuration and because x changes.
         """
         space = linearised.space
         x = linearised.unit_motions

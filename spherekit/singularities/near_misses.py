@@ -501,19 +501,25 @@ class _PieceEnds(ArrayRows):
 
 
 def _find_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
-    """Return the points at which a curve of configurations ends or leaves the input range.
+    """Return the points at which the motion along a curve of configurations ends.
 
-    In a simulation these are the ends of the parts of the curve that it passes, except at
-    crossings with other curves. In other motions, pieces are parts of the curve within the
-    range on which the input only rises or only falls. Their ends are of four kinds:
+    The caller searches minima of a function along the curve. A minimum can also lie at a
+    point where the motion ends.
 
-    - The input is the lowest or the highest of the range. Such an end is included. A range
-      of whole periods has no such ends, because configurations repeat.
-    - The curve is open and ends. Such an end is included, except at a crossing with other
-      curves, because these continue behind the crossing.
-    - The input turns back, and another piece follows. Such an end is not included.
-    - The input differs from an end of the range by whole periods. Such an end is not
-      included.
+    A simulation passes parts of the curve. The result then has the ends of these parts,
+    except those at crossings with other curves, because the motion can go on there.
+
+    In other motions, the curve is divided into pieces within the range of the input. On a
+    piece the input only rises or only falls. The ends of pieces are of four kinds, and the
+    result has the first two:
+
+    - The input is at a limit of its range. A range of whole periods has no such ends,
+      because configurations repeat.
+    - The curve is open and ends. Ends at a crossing with other curves are left out, because
+      the motion can go on there.
+    - The input turns back, and another piece follows.
+    - The input is inside the range, and differs from a limit by whole periods. The curve is
+      cut there because it is also used with a shifted input. Another piece follows.
 
     Parameters
     ----------
@@ -536,14 +542,16 @@ def _is_at_range_limit(
 ) -> Bools:
     """Return a mask (k,) of ends of pieces that are at the limits of the input range.
 
-    A piece is a part of a curve of configurations, in one assembly mode. If the range is a
+    A piece is a part of a curve of configurations, in one assembly mode. The motion ends at
+    a limit, so a minimum of a function along the curve can lie there. If the range is a
     whole number of periods, no end is at a limit, because configurations repeat. In a
-    simulation, all ends are at limits.
+    simulation, the pieces are the parts that the motion passes, so all ends count as
+    limits.
 
     Parameters
     ----------
     sampled, number
-        The range, and the index of the curve.
+        The range of the input, and the index of the curve.
     ends
         k ends of pieces of the curve.
     """
@@ -561,8 +569,10 @@ def _is_at_range_limit(
 def _is_at_curve_end(curve: ArcCurve, ends: _PieceEnds) -> Bools:
     """Return a mask (k,) of ends of pieces (sections of a curve) that end the curve itself.
 
-    A closed curve has no ends. An end at a crossing with other curves is left out, because
-    the motion can go on there. Such an end has the status `AT_SINGULARITY`.
+    The caller searches minima of a function along the curve. A minimum can also be at an
+    end of the curve, since the motion cannot go on there. A closed curve has no ends. An
+    end at a crossing with other curves is left out, because the motion can go on there.
+    Such an end has the status `AT_SINGULARITY`.
 
     Parameters
     ----------

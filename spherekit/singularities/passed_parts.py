@@ -113,9 +113,10 @@ def find_passed_parts(
     """Return the parts of curves of configurations that a simulation passes, in order.
 
     The caller needs them to tell which points of the curves, such as singularities, the
-    simulation passes. A part contains all its rows. Rows at a crossing are on no curve,
-    because curves end a little before it. So where the simulation passes a crossing, the
-    part is extended to the end of the curve.
+    simulation passes. A part is a range of arc lengths on one curve, from the smallest to
+    the largest arc length of the rows on it. A curve ends a little before a crossing, and
+    the rows of the simulation may not reach this end. If the simulation passes a crossing,
+    the part is therefore extended to the end of the curve.
 
     Parameters
     ----------
@@ -131,12 +132,13 @@ def find_passed_parts(
     if not curves:
         return []
     finder = _PartFinder(rows, curves, crossings, driven, periods)
-    # A visit is the rows that are on one part.
+    # A visit is the indices of the rows that are on one part. The part first has the
+    # smallest and the largest arc length (rad) of these rows as `start` and `stop`.
     visits = finder.split_into_visits()
     parts = [finder.make_part(visit) for visit in visits]
     for number, (visit, part) in enumerate(zip(visits, parts, strict=True)):
-        # The ends of the curve of this part, at crossings that the simulation passes. First
-        # those at crossings at which a row is.
+        # The ends (arc lengths, rad) of the curve of this part, at crossings that the
+        # simulation passes. First those at crossings at which a row is.
         ends = list(finder.find_ends_at_rows(visits, number))
         # Then the ends at which it passes from the previous part and to the next part.
         # `find_common_ends` returns the end of the earlier part and that of the later part,

@@ -143,6 +143,7 @@ def _have_same_turning_points(whole: PositionAnalysis, part: PositionAnalysis) -
     """
     whole_points = _find_dead_centres(whole)
     part_points = _find_dead_centres(part)
+    # `doubtful` are intervals of the input in which dead centres may have been missed.
     if len(whole_points.doubtful) > 0:
         return False
     whole_inputs = whole_points.turning_inputs

@@ -82,17 +82,22 @@ class Occurrence(NamedTuple):
 class _CrossingDistances:
     """Distances of n configurations from the crossings of curves of configurations.
 
-    A curve consists of the configurations that a mechanism with one input can reach. The
-    distance of two configurations is the largest difference of their variables (rad). All
-    distances are infinite if there is no crossing.
+    A curve consists of the configurations that a mechanism with one input can reach. Curves
+    are followed only up to a little before a crossing. So a configuration near a crossing
+    is on no curve, and these distances give the reason. The distance of two configurations
+    is the largest difference of their variables (rad). All distances are infinite if there
+    is no crossing.
 
     Attributes
     ----------
     any_crossing
-        (n,) distances from the nearest crossing. If a crossing was not located exactly, the
-        last point of a curve before the crossing is taken.
+        (n,) distances from the nearest crossing. They tell whether a configuration is in
+        the gap between a curve and a crossing. The configuration of a crossing may be
+        unknown. The distance is then that from the last computed point of a curve that ends
+        there.
     located_crossing
-        (n,) distances from the nearest crossing that was located exactly.
+        (n,) distances from the nearest crossing whose configuration was computed. They tell
+        whether a configuration is itself a crossing.
     """
 
     any_crossing: Floats
@@ -385,12 +390,17 @@ class SampledSingularities:
     ) -> Iterator[Occurrence]:
         """Yield the inputs at which a simulation passes a configuration, in rising order.
 
-        The assembly modes are those of the rows.
+        Each input has the numbers of its assembly modes (ways to assemble the mechanism).
+        These are the modes of all samples that the simulation has on the same part of a
+        curve of configurations.
 
         Parameters
         ----------
-        places, values
-            The configuration, as in `find_occurrences`.
+        places
+            The configuration as points of curves of configurations: index of the curve and
+            arc length (rad). There are several if curves cross in the configuration.
+        values
+            (variables,) the variables of the configuration (rad).
         """
         q = values[self._driven]
         modes_by_input: dict[float, set[int]] = {}
@@ -398,8 +408,8 @@ class SampledSingularities:
             period = np.array(self._period(curve))
             for part in self.passed_parts(curve):
                 passages = part.find_passages(np.array([s]), PIECE_END_TOLERANCE_RAD)
-                # A curve ends a little before a crossing, so the input there is not quite
-                # that of the crossing.
+                # A curve ends a little before a crossing, so its input there differs a
+                # little from that of the crossing. The exact input is q plus whole periods.
                 inputs_on_curve = self.input_in_part(part, passages)
                 for passed_input in q + whole_laps(inputs_on_curve - q, period):
                     modes = modes_by_input.setdefault(float(passed_input), set())
@@ -442,9 +452,10 @@ class SampledSingularities:
     def _find_inputs(self, curve: int, q: float, margin: float) -> list[float]:
         """Return all inputs in the range that have the same configuration as an input q.
 
-        These inputs differ from q by whole periods. If none of them is in the range, the
-        nearest one outside is returned. If the range is a whole number of periods, its
-        lower and its upper end have the same configuration, and only one end is returned.
+        A singular configuration gets a table row for each of these inputs. They differ from
+        q by whole periods. If none of them is in the range, the nearest one outside is
+        returned. If the range is a whole number of periods, its lower and its upper end
+        have the same configuration, and only one end is returned.
 
         Parameters
         ----------
@@ -453,7 +464,8 @@ class SampledSingularities:
             curve determines the period.
         margin
             If the range is a whole number of periods, an input nearer to its upper end than
-            this (rad) is set to its lower end.
+            this (rad) is set to its lower end. So rounding does not decide which end is
+            returned.
         """
         low, high = self.range
         inputs, _ = turns_in_range(np.array([q]), low, high, self._period(curve))
@@ -496,8 +508,8 @@ class SampledSingularities:
         """Yield each piece of a curve that includes an arc length, with its input (rad).
 
         A piece is a part of a curve of configurations in one assembly mode (way to assemble
-        the mechanism). The input is the one at this arc length, within the range of the
-        input.
+        the mechanism). So the pieces tell the modes of a configuration. The input is the
+        one at this arc length, shifted by whole periods into the range of the input.
 
         On a closed curve, the same configurations repeat in each lap. In a lap the arc
         length grows by the length of the curve, and the input by its `rise`.
@@ -534,8 +546,8 @@ class SampledSingularities:
             Number of periods between the inputs, of either sign.
         """
         if self.is_simulation:
-            # The input of a simulation may pass any number of periods, which are not told
-            # apart.
+            # The input of a simulation may pass any number of periods. Inputs that differ
+            # by whole periods all count as the same one.
             return True
         periods_in_range = self.count_periods_in_range(curve)
         if periods_in_range == 0:
@@ -783,8 +795,10 @@ class SampledSingularities:
     def transmission_angles(self, values: Floats) -> list[Floats]:
         """Return the transmission angle of each output at configurations.
 
-        The transmission angle is the acute angle between the planes of the two links in
-        series (dyad) that place the output.
+        An output is the motion of one link relative to another one. In many mechanisms, two
+        links in series (a dyad) determine the position of the output link. The transmission
+        angle is then the acute angle between the planes of these two links. It measures
+        the distance from a singularity of type II, at which it is zero.
 
         Parameters
         ----------
@@ -797,7 +811,6 @@ class SampledSingularities:
         """
         solver = self.position_analysis.solver
         axes = solver.closure.linearise(values).axes
-        # The output is the motion of one link relative to another one.
         return [
             transmission_angle_of_group(solver.assembly.joining_group(*links), axes)
             for links in self.report.outputs
@@ -806,9 +819,10 @@ class SampledSingularities:
     def least_dyad_angle(self, values: Floats, output: int) -> Floats:
         """Return the least distance from type II of the dyads that place an output.
 
-        A dyad is two links in series. If a dyad is stretched or folded, this is a
-        singularity of type II, and the distance is 0. The distance is the transmission
-        angle, the acute angle between the planes of both links.
+        The caller asks whether a dyad is the reason why a mechanism is near a singularity
+        of type II. A dyad is two links in series. It is at such a singularity if it is
+        stretched or folded. Its distance from there is the transmission angle, the acute
+        angle between the planes of both links.
 
         Parameters
         ----------
@@ -830,7 +844,7 @@ class SampledSingularities:
         if not groups:
             # The locked input itself joins both links, so no dyad places the output.
             return nans(len(values))
-        # The minimum begins with the largest possible distance.
+        # The loop computes a minimum, so the start value is the largest possible distance.
         least = np.full(len(values), MAX_TYPE_II_DISTANCE_RAD)
         # The axes of all pairs in each configuration.
         axes = solver.closure.linearise(values).axes

@@ -250,13 +250,14 @@ class _InputCoefficients:
     """Coefficients of the motion in which one input moves and the others are locked.
 
     The rate y' of the output and the rate q' of the input satisfy c y' = d q'. Values
-    belong to n configurations.
+    belong to n configurations. `coefficients` collects the values of all inputs in
+    `OutputCoefficients`.
 
     Attributes
     ----------
     w
         (n, 3) angular velocity vector of the output per unit rate of the input. It is (d /
-        c) u, or NaN where it is infinite or not known.
+        c) u, or NaN where it is infinite or could not be computed.
     c, d
         (n,) coefficients of the relation. Unlike w, they are finite at singularities.
         `make_relation` states their formulas.
@@ -439,8 +440,9 @@ def _pole_axis(
 
     Returns
     -------
-    (n, 3) unit vectors in ground axes, of arbitrary sense but for the input. NaN where the
-    plan yields no axis, and the links rest or the motion is not unique.
+    (n, 3) unit vectors in ground axes. Their sense is arbitrary, except for the axis of the
+    input. NaN where the plan yields no axis, and the links rest or the motion is not
+    unique.
     """
     if pole == input_pole:
         # The axis of the input's R pair is known even if the input rests.
@@ -448,8 +450,8 @@ def _pole_axis(
     else:
         first, second = pole
         direction = angular_velocities[:, first] - angular_velocities[:, second]
-    # In this motion the rates of all variables are a vector of unit length. A relative
-    # angular velocity below the limit counts as zero, and has no direction.
+    # The motion is scaled so that the rates of all pair variables form a vector of length
+    # 1. A relative angular velocity below the limit counts as zero, and has no direction.
     size = np.linalg.norm(direction, axis=1, keepdims=True)
     axis_by_rates = direction / np.where(size > SINGULAR_TRANSMISSION, size, np.nan)
     planned_axis = planned_axes[pole]
@@ -677,10 +679,10 @@ def _decide_types(measures: SingularityMeasures) -> SmallIntegers:
     output rest. A measure below `SINGULAR_TRANSMISSION` counts as zero.
 
     The rates of all variables satisfy linear equations, which keep the loops closed. Where
-    these equations lose rank, some solutions are rates at which the mechanism cannot really
-    move. Types I and III are therefore not considered there. The configuration counts as
-    type II if a solution moves the output while the inputs rest. Otherwise it counts as a
-    self-motion.
+    these equations lose rank, they have additional solutions. Not every solution is then a
+    real motion of the mechanism, so types I and III are not considered. The configuration
+    counts as type II if a solution moves the output while the inputs rest. Otherwise it
+    counts as a self-motion.
     """
     loses_rank = measures.reciprocal_condition < SINGULAR_TRANSMISSION
     is_type_one = (measures.type_one_sine < SINGULAR_TRANSMISSION) & ~loses_rank
@@ -796,14 +798,16 @@ def _find_occurring_rates(input_rates: Floats, output_rates: Floats) -> _Occurri
 
 
 def _smallest_output_size(occurring_rates: _OccurringRates) -> Floats:
-    """Return the smallest size (n,) of the output's rates in a motion.
+    """Return how little the output can move in a motion of the mechanism, from 0 to 1.
 
     The rates of inputs and output in a motion are scaled to a vector of length 1. The size
-    is that of the m rates of the output in this vector, zero in a singularity of type I,
-    where inputs can move while the output rests.
+    of the output's part of this vector is computed for the motion in which it is smallest.
+    The result (n,) is zero in a singularity of type I, where inputs can move while the
+    output rests.
 
-    If there are more independent motions than the m rates of the output, the output rests
-    in some motions in every configuration. These motions say nothing and are not counted.
+    The output has m rates. If there are more than m independent motions, the output rests
+    in some motions in every configuration. These motions do not indicate a singularity, so
+    they are not counted.
     """
     output_part = occurring_rates.output_part  # (n, m, motions)
     # The motions form an orthonormal basis. The singular values of the output's part are
@@ -962,9 +966,9 @@ def _possible_causes(
 def _causes_of_all_axes(inputs: Sequence[str], u: Floats) -> list[_SingularityCause]:
     """Return the causes that all axes of inputs coincide, or that three are coplanar.
 
-    A cause is a quantity that vanishes at a singularity. If one input moves alone, the
-    output turns about an axis u. If three axes are in one plane, the three inputs cannot
-    turn the output at right angles to this plane.
+    A cause is a quantity that vanishes at a singularity. `what_vanishes` reports the cause.
+    If one input moves alone, the output turns about an axis u. If three axes are in one
+    plane, the three inputs cannot turn the output at right angles to this plane.
 
     Parameters
     ----------
@@ -973,7 +977,8 @@ def _causes_of_all_axes(inputs: Sequence[str], u: Floats) -> list[_SingularityCa
     """
     largest_sine = np.max(np.linalg.norm(_cross_products(u), axis=2), axis=1)
     causes = [_SingularityCause(f"u of {', '.join(inputs)} coincide", largest_sine)]
-    # Axes that coincide are not reported as coplanar, too: NaN is no cause.
+    # Axes that coincide are coplanar, too. Only the first cause is reported there, so the
+    # volume is NaN.
     do_coincide = largest_sine < VANISHING_SIZE
     volumes = np.where(do_coincide[:, None], np.nan, _triple_products(u))
     for number, three in enumerate(combinations(inputs, 3)):

@@ -473,8 +473,10 @@ class SingleFreedomSingularities:
         independently of the rates. Each `RelationAt` has the type by c and d, and a note if
         this type differs from the type by rates.
 
-        If an output has two relations, y' is the rate relative to the reference link of the
-        output in one of them, and of the input in the other; see `_compute_relations`.
+        An output has two relations if possible, because one can still be used where the
+        other one vanishes (c = d = 0). In the first, y' is the rate of the output: of its
+        link relative to its reference link. In the second, y' is the rate of the output
+        link relative to the reference link of the input.
 
         Parameters
         ----------
@@ -487,9 +489,9 @@ class SingleFreedomSingularities:
 
         Returns
         -------
-        For each singularity its relations. An output has one relation, or two if possible,
-        because one can still be used where the other one vanishes (c = d = 0).
+        For each singularity its one or two relations.
         """
+        # The plan says how to construct the poles by intersections of great circles.
         poles = tuple(self.poles(output))
         axes = link_motion.pole_axes(poles, self._plan_poles(poles))
         # If links of a relation rest relative to each other, a note states this as the
@@ -570,11 +572,12 @@ class SingleFreedomSingularities:
         return points
 
     def _singular_curve_ends(self) -> list["_SingularCurveEnd"]:
-        """Return the configurations at which curves end at a crossing, each once.
+        """Return the crossings at which curves end, with the curve ends at each of them.
 
         At a crossing of curves of configurations, the closure equations lose rank. The ends
         of several curves belong to one crossing if their configurations agree within a
-        tolerance, apart from whole periods of the variables.
+        tolerance, apart from whole periods of the variables. Each crossing is returned
+        once.
         """
         curve_ends: list[_SingularCurveEnd] = []
         for number, curve_motion in enumerate(self.curve_motions):
@@ -905,10 +908,11 @@ def _note_uncertain_self_motions(
 ) -> None:
     """Write notes for points at which input and output may not rest together.
 
-    A self-motion is a point of a curve of configurations at which both rest. The point
-    where the input rests and the point where the output rests are computed independently.
-    If the error of their positions exceeds `MAX_SHARED_ERROR_RAD`, they may be two
-    different points. The note then has their distance along the curve.
+    An input or output rests where its derivative along a curve of configurations is zero.
+    A self-motion is a point at which both rest. The point where the input rests and the
+    point where the output rests are computed independently. If the error of their positions
+    exceeds `MAX_SHARED_ERROR_RAD`, they may be two different points. The note tells this to
+    the user, with the distance of both points along the curve.
 
     Parameters
     ----------

@@ -254,8 +254,9 @@ class SingularCurve:
         the output) rest for a moment there, and generally reverse. In a drawing over the
         inputs (or over the output), the curve has a sharp point there.
 
-        The result is empty if singular motions are sought only in a part of the mechanism
-        that has fewer degrees of freedom.
+        Sometimes only a part of the mechanism can move the output, and singular motions are
+        sought in this part. The result is empty if the part has fewer degrees of freedom
+        than the mechanism.
         """
         # `motion_dimension` is the number of independent motions among which singular
         # motions are sought.

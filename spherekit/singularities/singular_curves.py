@@ -91,11 +91,13 @@ class CurveSeen:
     def dense(self, parts: int) -> SingularPoints:
         """Return points of the curve, `parts` for each chord between two successive nodes.
 
-        Nodes are the computed points of the curve. With more points the drawn curve is
-        smooth. The end of the last chord is one more point. For a curve in closed form, the
-        points that it has are returned.
+        The points are for drawings, in which the curve is smooth if there are many points.
+        Nodes are the points that were computed when the curve was followed. The end of the
+        last chord is one more point.
+
+        A curve in closed form was not followed and has no nodes. Its `points` are returned.
         """
-        if self.traced is None:
+        if self.traced is None:  # the curve has a closed form
             return self.points
         report, curve = self.traced
         chord_count = len(curve.nodes) - 1

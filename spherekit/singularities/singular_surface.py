@@ -142,17 +142,18 @@ class SingularSurface:
         return edges[triangle_counts == 1]
 
     def split(self) -> Self:
-        """Return the mesh with every edge halved, its middle moved onto the surface.
+        """Return a finer mesh, with a new vertex in the middle of every edge.
 
-        Newton's method moves the middles. An edge for which the method fails stays whole. A
-        triangle with three halved edges becomes four triangles.
+        The middle of an edge is only near the surface of singular configurations. Newton's
+        method moves it onto the surface. An edge for which the method fails stays whole. A
+        triangle with one, two or three halved edges becomes two, three or four triangles.
         """
         edges, _ = list_edges(self.triangles)
         middles = self._interpolate(edges, part=0.5)
         # (edges, 2, V) the two tangents of the surface at the first end of each edge, as
-        # changes of the V pair variables. A middle moves at right angles to these tangents.
-        # Tangents at the end are good enough, because these only select one of the points
-        # of the surface near the middle.
+        # changes of the V pair variables. A middle moves at right angles to both tangents,
+        # so that Newton's method finds one point of the surface. Any point of the surface
+        # near the middle is suitable, so tangents at the end of the edge are good enough.
         tangent_rows = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
         new_points = self._correct(middles, tangent_rows)
         # All old vertices remain in the mesh.
@@ -164,9 +165,10 @@ class SingularSurface:
     def reported(self) -> Self:
         """Return the part of the mesh that is reported to the user.
 
-        The mesh is clipped at both ends of the range of each input. Triangles across the
-        values that a range leaves out are removed. Vertices with another type of
-        singularity are removed, with their triangles.
+        The mesh is clipped at both ends of the range of each input. A range can be a little
+        less than the period of the input, such as 350 of 360 deg. Triangles may then lead
+        from one end of the range to the other through the values outside. They are removed.
+        Vertices with another type of singularity are removed, with their triangles.
         """
         # The report knows the type and the ranges of the inputs.
         report = self.view
@@ -217,9 +219,9 @@ class SingularSurface:
     def _clip(self, input_position: int, limit: float, side: float) -> Self:
         """Return the part of the mesh in which an input is on one side of a limit.
 
-        The vertices of the mesh are singular configurations. Edges across the limit are cut
-        at a singular configuration with the input at the limit. The edges and triangles
-        beyond it are removed.
+        The vertices of the mesh are singular configurations. Each edge across the limit
+        gets a new vertex: a singular configuration with the input at the limit. The edges
+        and triangles beyond the limit are removed.
 
         Parameters
         ----------
@@ -243,9 +245,11 @@ class SingularSurface:
         part = first_distance / (first_distance + second_distance)
         guess = self._interpolate(ends, part[:, None])
 
-        # Two equations select one point of the surface on each edge: the input is at the
-        # limit, and the point does not move along the line where the input is constant.
-        # This line is computed from the tangents at the first end, which is near.
+        # The guess is on the straight edge, so it is only near the surface. Newton's method
+        # moves it onto the surface. There the input is at the limit along a whole curve, so
+        # two linear equations select one point. The first keeps the input at the limit. The
+        # second keeps the point from moving along this curve. The tangent plane of the
+        # surface at the first end of the edge gives the direction of the curve.
         variable = self.view.solver.driven[input_position]
         tangents = self.nodes.tangents[ends[:, 0]]
         equation_rows = self._limit_equations(variable, tangents, guess.edge_vectors)
@@ -420,11 +424,11 @@ class SingularSurface:
 def _subdivide_triangle(
     corners: list[int], side_vertices: list[int], is_inside: list[bool]
 ) -> list[tuple[int, ...]]:
-    """Return smaller triangles that cover the remaining part of one triangle of a mesh.
+    """Divide one triangle of a mesh, if the mesh is cut at a limit or refined.
 
-    If the mesh is cut at a limit, some corners are outside and are removed. Each side
-    across the limit then has a new vertex at the limit. If the mesh is refined, all corners
-    are inside, and some sides have a new vertex in their middle.
+    A limit is an end of the range of an input. If the mesh is cut there, corners outside
+    are removed. Each side across the limit then has a new vertex at the limit. If the mesh
+    is refined, all corners are inside, and some sides have a new vertex in their middle.
 
     Parameters
     ----------
@@ -438,8 +442,9 @@ def _subdivide_triangle(
 
     Returns
     -------
-    Three vertices for each triangle. The list is empty if a side crosses the limit but has
-    no new vertex at which it could be cut.
+    Three vertices for each new triangle. Together the new triangles cover the part of the
+    triangle that is inside. The list is empty if a side crosses the limit but has no new
+    vertex at which it could be cut.
     """
     polygon = _inside_polygon(corners, side_vertices, is_inside)
     if not polygon:
@@ -467,7 +472,8 @@ def _inside_polygon(
 
     When a mesh is cut at a limit, the part of a triangle beyond the limit is removed. The
     vertices are the corners that are inside, and the new vertices on the sides. The list is
-    empty if nothing remains, or if a side has to be cut but has no new vertex.
+    empty if nothing remains. It is also empty if a side crosses the limit but has no new
+    vertex: the place of the cut is then unknown.
 
     When a mesh is refined, all corners are inside, and sides can have a new vertex.
 

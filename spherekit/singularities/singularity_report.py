@@ -35,24 +35,25 @@ ROW_TYPES_OF_LOCUS: Mapping[LocusName, tuple[RowType, ...]] = {
 class SingularPoints(ArrayRows):
     """n singular configurations of a mechanism with g inputs and V pair variables.
 
-    In a singular configuration a motion exists in which the inputs (type II) or the output
-    (type I) rest: the singular motion. The singular motion is a vector of rates of the V
-    variables with which the loops stay closed.
+    In a singular configuration a motion exists in which the output rests (type I), the
+    inputs rest (type II), or both rest while other links move (self-motion). It is called
+    the singular motion: a vector of rates of the V variables that keep the loops closed.
 
     Attributes
     ----------
     kind
-        The type that was looked for, which says what rests in `motion`: the inputs ("II"),
-        the output ("I"), or both ("self-motion").
+        The type that was looked for: "I", "II" or "self-motion". It is the type of the one
+        singular motion in `motion`.
     type
         (n,) the type of each configuration, as a number of
-        `spherekit.singularities.several_inputs.RowType`. A configuration that is of types I
-        and II at once has the type III, for any `kind`.
+        `spherekit.singularities.several_inputs.RowType`. It is decided from all singular
+        motions of the configuration, so it can differ from `kind`. With a motion of type I
+        and another motion of type II, it is type III.
     values
         (n, V) pair variables (rad).
     motion
-        (n, V) rates of the singular motion, with norm 1. For types I and II, the rates of
-        pairs that cannot move the output are 0.
+        (n, V) rates of the singular motion, with norm 1. For types I and II, only the part
+        of the mechanism that moves the output is examined. The rates of other pairs are 0.
     inputs
         (n, g) values of the inputs (rad). Whole periods are added to the pair variables, so
         that the inputs are in their declared ranges or as near to them as possible.

@@ -106,20 +106,20 @@ def _follow_slices(
     input_values: Floats,
     time_limit: TimeLimit,
 ) -> Iterator[ArcCurve]:
-    """Yield the curves of configurations on which all inputs but one are locked (slices).
+    """Yield the curves of several slices. They are later searched for singularities.
 
-    The configurations with the locked inputs at fixed values are a slice. A slice can
-    consist of several curves. In each pass, one curve of every slice is followed. Curves
-    start from the assembly modes (ways to assemble the links) at some values of the free
-    input. A curve that passes none of these values is missed. A curve that does not close
-    is ended after `MAX_SLICE_CURVE_LENGTH_RAD`.
+    A slice is the set of configurations with all inputs but one locked at given values. A
+    slice can consist of several curves. In each pass, one curve of every slice is followed.
+    Curves start from the assembly modes (ways to assemble the links) at some values of the
+    free input. A curve that passes none of these values is missed. A curve that does not
+    close is ended after `MAX_SLICE_CURVE_LENGTH_RAD`.
 
     Parameters
     ----------
     solver
         The position solver of the mechanism.
     free_input
-        Position of the free input among the inputs.
+        Index of the free input among the inputs of the mechanism.
     input_values
         (slices, inputs) values of the inputs (rad). The column of the free input is not
         used.

@@ -258,8 +258,9 @@ class SurfaceFront:
     def _add_triangle(self, a: int, b: int, c: int) -> None:
         """Add a triangle with the same orientation as its neighbour at the edge a, b.
 
-        Each side of the new triangle is an open edge if it has no other triangle. A
-        side that already has a triangle now has two, and is no longer open.
+        The mesh grows at its open edges, those that have only one triangle. A side of the
+        new triangle becomes an open edge if it has no other triangle. A side that already
+        has a triangle now has two, and is no longer open.
 
         Parameters
         ----------
@@ -590,10 +591,11 @@ class SurfaceFront:
 def _tangent_plane_cosines(first: LocusPoints, second: LocusPoints) -> Floats:
     """Return the cosine (k,) of the greatest angle between tangent planes at two points.
 
-    The tangent planes belong to surfaces of singular configurations. The cosines of the
+    The tangent planes belong to surfaces of singular configurations. If the angle is large,
+    the caller takes the two points to be on different parts of surfaces. The cosines of the
     principal angles between two planes are the singular values of the product of their
-    orthonormal bases. The smallest cosine belongs to the greatest angle. Rows without a
-    point (NaN) have the cosine 0.
+    orthonormal bases. The smallest cosine belongs to the greatest angle. The cosine is 0 in
+    rows in which a point is missing (NaN).
     """
     overlap = np.swapaxes(first.tangents, 1, 2) @ second.tangents
     is_finite = all_finite(overlap, (1, 2))

@@ -260,12 +260,17 @@ class TangentSpace:
         return corrections
 
     def _jacobian_derivatives(self, changes: ConfigurationChanges) -> Floats:
-        """Return the derivatives of the closure Jacobian J along d directions.
+        """Return the derivatives of the closure Jacobian J along d directions of change.
 
         J x = 0 says that rates x of the pair variables keep the loops closed. J is a linear
         function of the velocity vector of each variable, the angular velocity per unit
         rate. So the same function of the derivatives of these vectors is the derivative of
         J.
+
+        Parameters
+        ----------
+        changes
+            d directions in which the n configurations change.
 
         Returns
         -------

@@ -85,7 +85,8 @@ def check_folder(path: AnyPath) -> None:
         existing = next(
             folder for folder in folders if folder.exists() or folder.is_symlink()
         )
-        # The error number to report if the existing path is a file, not a folder.
+        # If the existing path is a file, the error number tells which message the user
+        # gets: the wanted folder itself is a file, or a folder around it is one.
         if existing == Path(path):
             error_if_no_folder = errno.EEXIST
         else:

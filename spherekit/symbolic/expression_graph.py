@@ -192,9 +192,9 @@ def function(operation: str, *arguments: Any) -> ExpressionNode:
     arguments
         Numbers and nodes to which the operation is applied.
     """
-    # Numbers are text in the key, because 0.0 and -0.0 are equal keys but different
-    # numbers. The text is that of a float, because 2, 2.0 and np.float64(2.0) are the same
-    # number.
+    # The key has numbers as text. As floats, 0.0 and -0.0 would be the same key, but their
+    # nodes have to differ. All numbers are converted to floats first, so that 2, 2.0 and
+    # np.float64(2.0) have the same text.
     key = (operation, *map(_argument_key, arguments))
     node = _nodes_by_key.get(key)
     if node is None:
@@ -237,7 +237,7 @@ def vector_product(operation: str, a: Expr, b: Expr) -> Expr:
     """Return the dot or cross product of two nodes that each represent a whole vector.
 
     A product with a zero vector is 0. Minus signs are moved outwards: (-a) . b becomes -(a
-    . b), so that the node a . b is evaluated once.
+    . b). If a . b occurs as well, both then share one node, which is evaluated once.
 
     Parameters
     ----------

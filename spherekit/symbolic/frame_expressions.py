@@ -119,15 +119,16 @@ def _frames_from_pose(
     The frames (3, 3) of the pair in the axes of its first and of its second link.
     """
     frame = _frame_in_pose(geometry, design, pair.name)
-    # Both links have the same frame so far. The design may change arcs and angles between
-    # the axes of a link. Such a change rotates the frame of the pair in that link only.
+    # In the pose, both links have the same frame. The design may change the size of a link:
+    # an arc or an angle between its axes. This change rotates the frame of the pair in that
+    # link only.
     first_frame, second_frame = (
         _rotate_by_size_changes(mechanism, design, link, pair.name, frame)
         for link in pair.links
     )
-    # With the sizes of the file, both x axes point east so far. The angle between the x
-    # axes has to be the value of the variable in the reference pose, so the second frame is
-    # turned by this value.
+    # If no size is changed, both x axes point east so far. The angle between the x axes has
+    # to be the value of the variable in the reference pose. So the second frame is turned
+    # by this value.
     value = design.get(("values", pair.name), geometry.values.get(pair.name, 0.0))
     return first_frame, second_frame @ about_z(value)
 

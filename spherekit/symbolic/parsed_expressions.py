@@ -150,9 +150,10 @@ def _check_denominator(name: str, operands: Sequence[Expr], text: str) -> None:
     name
         Name of the operation; operations other than "/" pass.
     operands
-        Its operands: numbers and nodes.
+        Its operands: numbers, or nodes of symbolic expressions.
     text
-        The whole expression, for the message. Empty for a load that is not stated as text.
+        The whole expression, for the message. It is empty for a load that the user did not
+        write as text.
     """
     if name == "/" and operands[1] == 0.0:
         subject = f'"{text}"' if text else "a load"

@@ -185,11 +185,16 @@ class Integrator:
     ) -> Callable[[Any, int], bool]:
         """Return the function that heyoka calls at a switch.
 
-        A switch is a zero of an event function at which the equations change, for example
-        by dry friction. A parameter of the equations is set to the new sign of the
-        function. heyoka calls the returned function with its integrator and this sign. The
-        function returns whether the integration continues. The integration ends if the
-        motion would switch back at once, or after too many events.
+        A switch is a zero of an event function at which the equations of motion change. An
+        example is dry friction, whose torque changes its sense. The equations have the sign
+        of the event function as a parameter.
+
+        At a switch, heyoka calls the returned function with its integrator and the new
+        sign. The function sets the parameter to this sign, and returns whether the
+        integration can continue. The integration must end in two cases:
+
+        - The motion would switch back at once, because friction holds a body at rest.
+        - There have been too many events.
 
         Parameters
         ----------
@@ -242,9 +247,9 @@ class Integrator:
         self._adaptive.time = time
         # heyoka drops the parameters after the last one that occurs in an expression.
         self.parameters[:] = parameters[: len(self.parameters)]
-        # For a short time after an event that ends a step (its cooldown) heyoka ignores
-        # further zeros of the same event. Without the reset, the last event of an earlier
-        # run would count.
+        # After an event that ends a step, heyoka ignores further zeros of the same event
+        # function for a short time, the cooldown. Without the reset, a cooldown of the
+        # earlier integration could hide an event of the new one.
         if self._terminal_indices:
             self._adaptive.reset_cooldowns()
         self.seen_events.clear()

@@ -68,8 +68,8 @@ def constants(matrix: Floats | Exprs) -> Exprs:
 def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
     """Return the determinant of a square matrix by expansion along rows (Laplace).
 
-    The entries are symbolic expressions. Smaller determinants (minors) that occur several
-    times are formed once.
+    The entries are symbolic expressions, such as coefficients of velocity equations.
+    Smaller determinants (minors) that occur several times are formed once.
     """
     # The minor of k columns is the determinant of these columns in the last k rows.
     minors: dict[tuple[int, ...], Expr] = {}

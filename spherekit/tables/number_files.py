@@ -49,9 +49,10 @@ class FileNumbers:
 
 
 def columns_of(path: Path) -> dict[str, str]:
-    """Return the headers of the columns of a CSV or Parquet file, by their names.
+    """Return the headers of the columns of a CSV or Parquet file, by column name.
 
-    A header may have a unit after the name, such as ``q [deg]``.
+    A header is the name of a column, often with a unit after it, such as ``q [deg]``. The
+    caller finds columns by name, whether or not the file states units.
 
     Raises
     ------

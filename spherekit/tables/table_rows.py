@@ -38,7 +38,10 @@ class MemoryTables:
         self._blocks[analysis, table.name].append(data)
 
     def pieces(self, analysis: str, table: Table) -> Iterator[TableArrays]:
-        """Yield all rows of a table in pieces of `CHUNK_ROWS`, in the order of `table`."""
+        """Yield all rows of a table in pieces of `CHUNK_ROWS`.
+
+        The rows have the same order as in the result of the method `table`.
+        """
         return split_into_chunks(table, self.table(analysis, table))
 
     def table(self, analysis: str, table: Table) -> "JoinedBlocks":

@@ -30,18 +30,22 @@ from spherekit.velocities.pose_expressions import LinkOrientation, place_link
 class SlideChangeBound:
     """Upper bound of the length of the derivative of `CarriedVector.slide`.
 
-    The slide is the derivative of a vector with respect to a pair variable, seen from a
-    link. The bound applies to the second derivative with respect to this variable, for
-    error bounds. It is a sum of terms. Some terms have the length ``|k''|``, the second
-    derivative of the curvature k of a profile with respect to arc length. There is no
-    expression of k'', so a bound for the whole profile is used.
+    `CarriedVector` has the vector of a pair variable, which is carried by a link. The slide
+    is the first derivative of this vector with respect to the variable, as seen from the
+    link. So this class bounds the second derivative. The bound tells how much a small error
+    of the variable changes the slide.
+
+    The second derivative is a sum of terms, whose lengths are added. For a contact, some
+    terms contain k'', the second derivative of the curvature k of a profile with respect to
+    arc length. There is no expression of k'', so a bound of ``|k''|`` for the whole profile
+    is used.
 
     Attributes
     ----------
     other_terms
         Bound of the length of the sum of all terms without a k''.
     profiles
-        The profiles with a k'' in a term.
+        The profiles whose k'' occurs in a term. Each adds its bound of ``|k''|``.
     """
 
     other_terms: Expr = 0.0
@@ -49,7 +53,7 @@ class SlideChangeBound:
 
     @property
     def total(self) -> Expr:
-        """The bound: that of the terms without k'', plus those of ``|k''|``."""
+        """The bound: `other_terms`, plus a bound of ``|k''|`` for each of `profiles`."""
         return self.other_terms + sum(
             profile.max_curvature_second for profile in self.profiles
         )
@@ -215,10 +219,10 @@ def _axis_of_r_pair(
     axes: tuple[Entries, Entries],
     placed: Sequence[LinkOrientation],
 ) -> CarriedVector:
-    """Return the axis of an R pair (revolute joint), in ground axes.
+    """Return the axis of an R pair (revolute joint) as expressions, in ground axes.
 
     The axis is fixed in both links of the pair, so either link can carry it. The link that
-    is placed earlier has the shorter expressions.
+    is placed earlier is chosen, because its orientation has the shorter expressions.
 
     Parameters
     ----------

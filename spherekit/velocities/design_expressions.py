@@ -462,8 +462,8 @@ class DesignExpressions:
         Parameters
         ----------
         kind
-            "" for the angular velocity per unit rate of the moving input, "_dq" for its
-            derivative with respect to this input.
+            "" for the angular velocity per unit rate of the moving input. "_dq" for the
+            derivative of this velocity with respect to the moving input q.
         link
             Name of the link.
         moving
@@ -651,8 +651,9 @@ class DesignExpressions:
         The pole axis is the axis of the relative rotation of the links. The unit vector
         times the velocity coefficient is the angular velocity of the first link relative to
         the second, per unit rate of the moving input. The result is NaN if the links never
-        move relative to each other while the other inputs are locked. For links that no R
-        pair joins, the result is NaN in all configurations in which the links rest.
+        move relative to each other while the other inputs are locked. Links can also be at
+        relative rest in single configurations. The result is NaN there, unless an R pair
+        joins the links: its axis is then the pole axis in all configurations.
 
         Parameters
         ----------
@@ -759,7 +760,8 @@ class DesignExpressions:
         the accelerations of the inputs, and T the torques that the motion needs. Small
         changes of the applied torques or of the motion change the accelerations by
         da = M^-1 (dT_applied - dT). Here dT is the change of T at constant accelerations.
-        The loops stay closed.
+        A change of an input angle also changes the other pair angles, so that the loops
+        stay closed.
 
         Parameters
         ----------
@@ -775,7 +777,8 @@ class DesignExpressions:
             return self._inverse_inertia[index][other]
         input_count = len(self.inputs)
         torques = [self.torque(k) for k in range(input_count)]
-        # The rates at which the symbols in the torques change, to differentiate along them.
+        # The torques are formulas of symbols. To differentiate them, `rates` says how fast
+        # each symbol changes.
         if kind == "A_dq":
             # Only the rate of the other input changes. `sample_symbols` has the angles of
             # all inputs, then their rates.
@@ -839,9 +842,9 @@ class DesignExpressions:
         self._refuse_reaction_friction(moving)
         rates = self.coordinate_rates
         load_state = self._load_state()
-        # The rates in `rates` are multiplied by the determinant of the velocity equations
-        # (`scale`), to avoid divisions. The forces have the same factor, so their sum is
-        # divided by the determinant.
+        # To avoid divisions, `rates` has the rates times the determinant of the velocity
+        # equations, `scale`. The forces that follow from them have the same factor. So the
+        # sum of the forces is divided by the determinant.
         forces = (
             component_forces(components, load_state)[moving]
             for components in self._load_components

@@ -115,15 +115,15 @@ class LastSample:
     """The last sample of a block at which the two links of a pole have relative motion.
 
     A pole is the axis of this relative rotation. Its direction is computed with an
-    arbitrary sign, and then multiplied by +1 or -1. The choice at this sample decides how
-    the next block of samples begins.
+    arbitrary sign, and then multiplied by +1 or -1, so that it has no jumps. Long motions
+    are computed in blocks of samples. The first factor of the next block follows from the
+    factor of this sample: it is the opposite one if v reverses in between.
 
     Attributes
     ----------
     path
-        The relative angular velocity v at this sample, as a path of one sample. Its fields
-        are the `coordinate` along the path of the inputs, the `sense` (1 or -1), `v`, and
-        the derivative `dv` of v with respect to the coordinate.
+        The relative angular velocity v at this sample, as a path of one sample. `sense` is
+        -1 where the input moves back after a dead centre, otherwise 1.
     sign
         The factor of the direction at this sample, +1.0 or -1.0.
     """
@@ -132,9 +132,10 @@ class LastSample:
     sign: float
 
     def numbers(self) -> list[Any]:
-        """Return eight numbers of the path and the sign, for a file.
+        """Return eight numbers of the path, and the sign, for the file of the run's state.
 
-        v and dv have three numbers each.
+        The eight numbers are the coordinate, the sense, and three components each of v and
+        dv.
         """
         path = self.path
         columns = [path.coordinate, path.sense, *path.v, *path.dv]
@@ -557,7 +558,8 @@ def _sign_changes(path: VelocityPath) -> Floats:
     The velocity v is the relative angular velocity of two links. If the scalar product of v
     at two samples is negative, v may have reversed by passing through zero, or turned by
     more than a right angle without becoming zero. To decide this, v is interpolated, and
-    its reversals are counted.
+    its reversals are counted. The caller multiplies the sign of a sample by the factor to
+    get the sign of the next sample.
 
     Parameters
     ----------

@@ -60,10 +60,13 @@ class DyadPlacement:
 class BodyAxis:
     """The axis of a pair (joint), as fixed in one of the two links that the pair joins.
 
+    To place a dyad, the axes of its pairs are needed in the axes of the bodies that they
+    join. A body is a group of links whose orientations relative to each other are known.
+
     Attributes
     ----------
     orientation
-        Orientation of the link relative to a body, such as the ground.
+        Orientation of the link relative to the body to which it belongs.
     axis
         (3,) unit vector of the axis in link axes.
     """
@@ -251,9 +254,9 @@ def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
 
         s / |s|^2,   d / |d|^2,   n / |n|^2.
 
-    With rounded numbers, s . d is not exactly 0, which matters if s or d is short. The
-    number tilt = s . d / (|s|^2 |d|^2) corrects this to first order: tilt d is subtracted
-    from the first row, and tilt s from the second.
+    With rounded numbers, s . d is not exactly 0. If s or d is short, these rows are
+    therefore inaccurate. The number tilt = s . d / (|s|^2 |d|^2) corrects them to first
+    order: tilt d is subtracted from the first row, and tilt s from the second.
     """
     axis_sum = a + b
     axis_difference = a - b
@@ -308,8 +311,9 @@ class ClosedForm:
         Expressions (rad) of all pair variables. Variables of pairs that are not inputs are
         in [-pi, pi].
     triple_squares
-        For each dyad the square of the triple product of its three axes, computed from its
-        arcs. The square is negative if the dyad cannot be closed.
+        For each dyad, in the order in which dyads are solved, the square of the triple
+        product of its three axes. The square follows from the arcs between the axes. It is
+        negative if the dyad cannot be closed.
     """
 
     arguments: list[ExpressionNode]

@@ -226,7 +226,8 @@ def _judge_candidates(
     """Return the sets of variables for which the equations of one loop can be solved.
 
     A loop has three equations, of which some may follow from other loops. A set has as many
-    variables as there are independent equations.
+    variables as there are independent equations. The caller chooses one of the sets, of
+    this or another loop, as the next pivot of the elimination.
 
     Parameters
     ----------
@@ -240,8 +241,8 @@ def _judge_candidates(
 
     Returns
     -------
-    The possible pivots (a loop with such a set). The list is empty if the loop has no
-    independent equation.
+    The possible pivots: the loop with each set, and how far the axes of its variables are
+    from linearly dependent. The list is empty if the loop has no independent equation.
     """
     # Coefficients that are only rounding errors at all configurations determine no
     # variable. They remain where a variable cancels in the elimination.
@@ -460,9 +461,11 @@ def _eliminated_inverses(jacobians: Floats, order: EliminationOrder) -> Floats:
 def _solving_matrix(coefficients: Floats) -> Floats:
     """Return the matrices that solve the equations of a loop for some of its variables.
 
-    With three variables the matrix is the inverse of the coefficients. With fewer
-    variables, some of the three equations follow from other loops, and the solution is by
-    least squares.
+    The caller multiplies the three equations by such a matrix, and inserts the solution
+    into the equations of the other loops. With three variables, the matrix is the inverse
+    of the coefficients. With fewer variables, the three equations are redundant: some of
+    them follow from loops that are solved before. The matrix then gives the least-squares
+    solution.
 
     Parameters
     ----------

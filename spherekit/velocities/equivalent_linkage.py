@@ -160,8 +160,9 @@ class EquivalentLinkage:
         Parameters
         ----------
         euler_angles
-            Three Euler angles (rad) for each constant rotation, in the order of the pairs:
-            numbers, or symbols for which other sizes are inserted later.
+            Three Euler angles (rad) for each constant rotation, in the order of the pairs.
+            They are numbers, or symbols. Later the values for other sizes of the mechanism
+            are inserted for the symbols.
         """
         all_rotations: list[Exprs] = []
         for start in range(0, len(euler_angles), 3):
@@ -183,8 +184,8 @@ class EquivalentLinkage:
         for index in range(len(self.constant_rotations)):
             if index in self.sliding:
                 # A sliding contact becomes two R pairs, at the centres of the circles. The
-                # link between them has the axes of the first pair, so the rotation from
-                # this pair to the link is the unit matrix.
+                # frame of the link between them is chosen equal to that of the first pair.
+                # So the rotation from this pair to the link is the unit matrix.
                 first_link_to_centre = next(remaining_rotations)
                 between_centres = next(remaining_rotations)
                 centre_to_second_link = next(remaining_rotations)

@@ -279,9 +279,10 @@ class GroupEquations:
     def _equation_rows(self, vectors: Floats) -> dict[EquationChoice, Floats]:
         """Return the coefficients of the unknown rates in all scalar velocity equations.
 
-        The velocity equation of a loop is a vector equation. The components along several
-        directions are scalar equations. `unknowns` are the variables for whose rates this
-        group is solved.
+        Callers choose independent equations from these, or test whether the chosen ones are
+        still independent. The velocity equation of a loop is a vector equation. Its
+        components along several directions are scalar equations. `unknowns` are the
+        variables for whose rates the equations are solved.
 
         Parameters
         ----------
@@ -291,8 +292,9 @@ class GroupEquations:
 
         Returns
         -------
-        For each equation its coefficients (unknowns,). The coefficients are divided by the
-        norm of the coefficients of all variables, so that equations can be compared.
+        For each equation (a loop and the choice of a direction) its coefficients
+        (unknowns,). The coefficients are divided by the norm of the coefficients of all
+        variables, so that equations can be compared.
         Equations in which all coefficients are rounding errors are left out.
         """
         row_by_equation: dict[EquationChoice, Floats] = {}
@@ -483,9 +485,9 @@ class GroupEquations:
         to zero. A loop can have two private variables, which occur in no other loop.
 
         - If some equations follow from others, the constructor has chosen independent
-          components of the vector equations. Only these are returned. A chosen component is
-          along the vector of a variable of the loop, or at right angles to the vectors of
-          both private variables.
+          components of the vector equations (`chosen_equations`). Only these components are
+          returned. Each is along the vector of one variable, or at right angles to the
+          vectors of both private variables of its loop.
         - If no equations were chosen, a loop with private variables gives one equation,
           without these two.
         - Any other loop gives three equations, along the ground axes.

@@ -295,13 +295,13 @@ class InputColumns:
         axis_error: Expr,
         slide_error: Expr,
     ) -> Expr:
-        """Return a bound of the error of the derivative of a variable's vector.
+        """Return a bound of the error of the time derivative of a variable's vector.
 
-        The vector a of a variable (such as the axis of a pair) turns with a link and may
-        slide on it. Its derivative is w x a + r s. Here w is the angular velocity of the
-        link, r the rate of the variable, and s the slide: the derivative of a with
-        respect to the variable, as seen from the link. Products of two errors are
-        neglected.
+        The error bounds of accelerations need it. The vector a of a variable (such as the
+        axis of a pair) turns with a link. At a contact it may also change relative to the
+        link. Its derivative is w x a + r s. Here w is the angular velocity of the link, r
+        the rate of the variable, and s the slide: the derivative of a with respect to the
+        variable, as seen from the link. Products of two errors are neglected.
 
         Parameters
         ----------
@@ -312,7 +312,8 @@ class InputColumns:
         rate_error, axis_error, slide_error
             Bounds of the errors of r, a and s.
         """
-        # w x a has an error of at most |a| (error of w) + |w| (error of a).
+        # w x a has an error of at most |a| (error of w) + |w| (error of a). `w_bound` is a
+        # bound of |w|.
         w_bound = self._w_bounds[carried.link]
         error = carried.length * self._w_errors[carried.link] + w_bound * axis_error
         # r s has an error of at most |s| (error of r) + |r| (error of s).
@@ -516,8 +517,9 @@ class InputColumns:
         """Return the columns that change their sign if a pole direction is reversed.
 
         A pole is the axis of the relative rotation of two links, with two opposite
-        directions. For the `reversible_poles`, the sign is chosen after the columns were
-        evaluated. The result is a view, so that signs can be applied to `columns` in place.
+        directions. For the `reversible_poles`, the compiled function returns either of
+        them. The caller then chooses one, and multiplies the result by the signs. The
+        result is a view, so this changes `columns`.
 
         Parameters
         ----------

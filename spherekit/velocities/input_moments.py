@@ -164,12 +164,16 @@ class InputMoments:
     ) -> list[Expr]:
         """Return D times the moments that inertia needs at constant rates of the inputs.
 
-        D is the determinant of the velocity equations. A link has the angular velocity w
-        and the angular acceleration b while all inputs move. The link with the inertia
-        tensor I needs two moments: I b, and the gyroscopic moment w x h with the angular
-        momentum h = I w. Let y_i be D times the angular velocity of the link while input i
-        moves at unit rate and the others rest. Multiplied by D, the two moments need at
-        input i
+        There is one moment for each input, the sum over all links, divided by `unit`. D is
+        the determinant of the velocity equations. The velocities are known as multiples of
+        1 / D, so the factor D avoids divisions. The caller removes it.
+
+        A link has the angular velocity w and the angular acceleration b while all inputs
+        move. The link with the inertia tensor I needs two moments: I b, and the gyroscopic
+        moment w x h with the angular momentum h = I w. The moment at input i follows from
+        equal power while only input i moves. Let y_i be D times the angular velocity of the
+        link while input i moves at unit rate and the others rest. So D times the moments at
+        input i are
 
             y_i . (I b)   and   y_i . (w x h).
 

@@ -262,15 +262,17 @@ class KinematicStructure:
 def _vector_about_circle(side: ProfileSide, link: int, sign: float) -> dict[int, Entries]:
     """Return the relative angular velocity as a sliding contact moves along a circle.
 
-    One link carries the circle. The contact moves along the circle, and stays at the same
-    point of the other link. Seen from the link with the circle, the other link therefore
-    turns about the centre of the circle. The result is the angular velocity of the second
-    link relative to the first, per unit of arc length.
+    Each of the two profiles of a contact has a variable: the arc length to the contact
+    point. Here only the variable of one profile changes, and this profile is a circle. So
+    the contact moves along the circle, and stays at the same point of the other link. Seen
+    from the link with the circle, the other link turns about the centre of the circle. The
+    result is the angular velocity of the second link relative to the first, per unit of arc
+    length. It is constant in the axes of the link with the circle.
 
     Parameters
     ----------
     side
-        The profile.
+        The profile whose variable changes.
     link
         Index of the link of the profile.
     sign
@@ -280,8 +282,9 @@ def _vector_about_circle(side: ProfileSide, link: int, sign: float) -> dict[int,
 
     Returns
     -------
-    The vector (3,) in link axes, by the index of the link. Empty if the profile is not
-    written as a circle.
+    The angular velocity (3,) in the axes of this link, by the index of the link. The
+    mapping is empty for a profile that is not a circle. Its vector is not constant in the
+    link, so `fixed_vectors` then returns no vector.
     """
     circle = side.circle
     if circle is None:

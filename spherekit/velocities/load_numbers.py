@@ -63,7 +63,7 @@ def replace_numbers(part: Any, replace_number: Callable[[Any], Any]) -> Any:
     fields_with_numbers: dict[str, Any] = {}
     if isinstance(part, LoadComponent):
         fields_with_numbers = {"magnitude": part.magnitude, "moments": part.moments}
-        # `bearing_friction` refers to the load in the file, which has the old numbers.
+        # `bearing_friction` is a load of the mechanism file, which has the old numbers.
         part = replace(part, bearing_friction=None)
     elif isinstance(part, LinkMoment):
         fields_with_numbers = {"direction": part.direction, "arm": part.arm}

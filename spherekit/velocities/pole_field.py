@@ -48,7 +48,8 @@ class PoleQuantity:
         Whether the quantity changes its sign if the direction of the pole is reversed.
     sufficient_needs
         Names of fields of `Needs`, such as "rates". Each field is a set of poles that an
-        analysis needs. The quantity is computed for the poles in these sets.
+        analysis needs. The quantity is computed for each pole that is in at least one of
+        the named sets.
     is_derivative
         Whether the quantity is a derivative with respect to the input, for which `Needs`
         must have ``derivatives=True``.
@@ -56,8 +57,9 @@ class PoleQuantity:
         "none" if there is no bound of the error of the quantity, "bounded" if there is
         a bound, and "reported" if a run also reports the largest bound of all rows.
     locked_value
-        Value for two links that cannot move relative to each other, because the other
-        inputs are locked: 0, which is exact, or NaN if the quantity is not defined.
+        Value for two links that cannot move relative to each other while one input moves
+        and the other inputs are locked: 0, which is exact, or NaN if the quantity is not
+        defined.
     """
 
     name: str
@@ -177,7 +179,7 @@ class PoleField(ArrayRows):
     conditioning
         (n,) for each pole |w_j - w_i| / (|w_i| + |w_j|). If this number is small, digits
         cancel in the difference, which gives the direction of the pole. If the pole is the
-        axis of a pair, no difference is computed, and the number is set to 1.
+        axis of a pair, its direction does not come from a difference, and the number is 1.
     direction_error
         (n,) bound of the error of the direction (rad).
     velocity_coefficient_error, acceleration_coefficient_error

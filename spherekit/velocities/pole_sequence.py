@@ -338,9 +338,9 @@ class PlannedPoles:
         velocity
             (3, n) angular velocity. It is NaN where u_ak and u_bk coincide.
         error
-            (n,) bound of its error, relative to the larger of the speeds of body k relative
-            to a and b: the sum of the error bounds of u_ak and u_bk, divided by the sine of
-            the angle between them.
+            (n,) bound of the relative error: the sum of the error bounds of u_ak and u_bk,
+            divided by the sine of the angle between them. The error is relative to the
+            speed of body k relative to body a or to body b, whichever is larger.
         """
         pole_ak = pole_of(a, k)
         pole_bk = pole_of(b, k)
@@ -358,7 +358,9 @@ class PlannedPoles:
 
         The circles are drawn to show the construction of the pole (axis of the relative
         rotation of two links). A great circle goes through the poles that both links have
-        with a third link.
+        with a third link. If a sliding pair joins both links, the great circle in its
+        contact plane also goes through the pole. This plane contains the centre of the
+        sphere and the common normal of the two profiles at the contact.
 
         In place of links, the plan has bodies: sets of links that the locked inputs join.
         The result is NaN if fewer than two circles exist, or if both links belong to one
@@ -381,11 +383,15 @@ class PlannedPoles:
     def _circles_through(self, body_pole: Pole) -> tuple[Floats, Floats] | None:
         """Return normals (3, n) of two great circles that meet in the pole of two bodies.
 
-        A pole is the axis of the relative rotation of two bodies. A great circle goes
-        through the poles that both have with a third body. If the plan has used two
-        circles, these are returned. Otherwise two circles are chosen as for other poles of
-        the route, and stored. The result is None if fewer than two third bodies have known
-        poles with both.
+        A pole is the axis of the relative rotation of two bodies. The circles are drawn to
+        show its construction. Each circle goes through the poles that both bodies have with
+        a third body, or lies in the contact plane of a sliding pair between the bodies.
+        This plane contains the centre of the sphere and the normal of the contact.
+
+        If the pole was computed as the intersection of two circles, these are returned. For
+        any other pole, such as the axis of a pair, two circles through poles with third
+        bodies are chosen and stored. The result is None if there are fewer than two third
+        bodies whose poles with both bodies are known.
         """
         if body_pole not in self._circle_normals:
             i, j = body_pole

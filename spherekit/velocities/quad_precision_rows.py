@@ -41,7 +41,10 @@ BATCH_ROWS = 256
 
 @dataclass(frozen=True)
 class QuadPrecisionRows:
-    """Rows (configurations) that were computed in quad precision, rounded to float64.
+    """Results for n configurations, computed in quad precision and rounded to float64.
+
+    A configuration is also called a row. A column is one computed number, such as a
+    component of a velocity.
 
     Attributes
     ----------
@@ -53,9 +56,11 @@ class QuadPrecisionRows:
     opening_changes
         (columns, n) by how much each column changes if the loops open, per rad. Each loop
         can open about three axes. The absolute changes for all loops and axes are added.
+        Link sizes are rounded, so the loops are open by tiny angles. Such an angle times
+        the change bounds the error of a column.
     is_closed
-        (n,) whether Newton's method closed the loops in quad precision. Other rows were
-        computed at the variables in float64 from which the method started.
+        (n,) whether Newton's method closed the loops in quad precision. If it failed, the
+        row was computed from the float64 variables at which the method started.
     """
 
     columns: Floats

@@ -94,7 +94,8 @@ class ColumnFunction:
         Parameters
         ----------
         parts
-            The output expressions by name, in order. A name is any key of a dictionary.
+            The output expressions in groups, in the order of the results of the function.
+            The key of a group can be of any type.
         variables
             The symbols of the pair variables.
         profiles
@@ -147,9 +148,9 @@ class SingleRowOutputs(NamedTuple):
         By how much the loops are open (rad).
     axis_sum
         (3,) sum over all variables of the angular velocity of their pair at unit rate (for
-        R pairs the axis). A pole (axis of relative rotation) has two opposite directions.
-        At the start of a motion, the direction with a positive scalar product with this sum
-        is chosen.
+        R pairs the axis). The sum serves to choose one of the two opposite directions of a
+        pole (axis of relative rotation): the one whose scalar product with this sum is
+        positive.
     columns
         All velocities and poles, with error bounds.
     """
@@ -201,9 +202,9 @@ class EvaluatedRow:
         By how much the loops are open (rad).
     axis_sum
         (3,) sum of the vectors of all variables, in ground axes. The vector of a variable
-        is the angular velocity of its pair at unit rate, for an R pair its axis. The axis
-        of a pole has two opposite directions. The one whose scalar product with this sum is
-        positive is chosen at the start of a motion.
+        is the angular velocity of its pair at unit rate, for an R pair its axis. The caller
+        uses the sum to choose one of the two opposite directions of a pole axis: the one
+        whose scalar product with this sum is positive.
     columns
         Velocities, poles and their error bounds. `InputColumns.column_indices` says which
         column has which quantity.

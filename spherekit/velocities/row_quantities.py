@@ -98,12 +98,16 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
 class RowQuantity:
     """Says how a quantity of a configuration, such as a velocity, is computed.
 
+    A row is one configuration of one design of the mechanism. A kernel (compiled functions)
+    evaluates expressions of the quantities for many rows.
+
     Attributes
     ----------
     unit
         Unit of the quantity, empty for a pure number.
     method
-        Name of the method of `DesignExpressions` that returns the expression.
+        Name of the method of `DesignExpressions` that returns the expression of the
+        quantity.
     arguments
         The arguments of this method.
     component

@@ -334,7 +334,8 @@ def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
     two. The results span the same velocities for each pair, but do not depend on the units
     of the variables. Zero vectors stay zero.
 
-    If both vectors of a contact are parallel, the second one becomes arbitrary.
+    If both vectors of a contact are parallel, the second result is zero, or has an
+    arbitrary direction due to rounding.
     """
     lengths = np.linalg.norm(vectors, axis=2, keepdims=True)
     units = vectors / np.where(lengths > 0.0, lengths, 1.0)
@@ -391,15 +392,21 @@ def _output_motion_per_opening(output_motion: Floats, loop_equations: Floats) ->
 def _invert_openings(openings: Floats, output_speeds: Floats) -> Floats:
     """Return 1 / opening for each motion of the passive pairs, but 0 for harmless motions.
 
-    Passive pairs (joints) are not locked by an input. A motion that opens no loop is
-    possible although the inputs are locked. If the output moves in this motion, 1 / opening
-    is practically infinite, which shows that nothing prevents the motion. If the output
-    rests, the motion is harmless for this output.
+    Passive pairs (joints) are those that no input locks. A motion here is any set of rates
+    of these pairs. Most motions open the loops: the relative velocities around a loop do
+    not add up to 0. The caller needs the reciprocals because the motion of the output,
+    divided by the opening rate, says how much the output moves per unit opening.
+
+    If a motion opens no loop, the links can really move although the inputs are locked. If
+    the output moves in this motion, 1 / opening is practically infinite, which shows that
+    nothing prevents the motion. If the output rests, the motion is harmless for this
+    output, and the result is 0.
 
     Parameters
     ----------
     openings
-        (n, motions) rate at which the loops open in each motion of the passive pairs.
+        (n, motions) rates at which the loops open in the motions. They are the singular
+        values of the loop equations, and the motions are the right singular vectors.
     output_speeds
         (n, motions) angular speed of the output in each motion.
 

@@ -77,8 +77,9 @@ class VelocityEquations(ABC):
     carried
         The vector of each variable with the link with which it turns.
     contact_lines
-        By pair, the contact line of each rolling contact that is not computed about
-        centres.
+        By pair, the line from the centre of the sphere to the contact point of each rolling
+        contact. Contacts are left out if their vector is the sum of two vectors along the
+        axes of their circles (`about_centres`).
     vectors
         (3,) vector a_v of each variable in ground axes.
     pair_variables
@@ -105,7 +106,7 @@ class VelocityEquations(ABC):
         placed
             Orientations of all links as expressions.
         variables
-            Expressions (rad) of all pair variables, on which contacts depend.
+            Expressions (rad) of all pair variables. The points of contact depend on them.
         about_centres
             How the vector is computed if two circles roll on each other. True: as the sum
             of two vectors along the axes of the circles. The sum takes fewer expressions,
@@ -117,12 +118,14 @@ class VelocityEquations(ABC):
         self.placed = placed
         self.variables = variables
         self.tree = LoopTree.of_mechanism(mechanism)
-        # For each variable, `carried` has the vector, a link that carries the vector (the
-        # vector turns with this link), and the derivative of the vector relative to this
-        # link. The vector of an R pair is fixed in the link.
+        # For each variable, `carried` has the vector and a link with which the vector
+        # turns. As seen from this link, the vector of an R pair is fixed. The vector of a
+        # contact can change, so its derivative with respect to the variable is stored.
         #
-        # `contact_lines` has the direction to the contact point of a rolling contact that
-        # is not computed about centres: the axis of the relative rotation of both links.
+        # `contact_lines` has the direction from the centre of the sphere to the contact
+        # point of each rolling contact, by the number of the pair. Both links turn relative
+        # to each other about this line. Contacts whose vector is the sum of two vectors
+        # along the axes of circles are left out.
         self.carried, self.contact_lines = carried_vectors(
             mechanism, pairs, placed, variables, about_centres
         )
@@ -219,8 +222,8 @@ class VelocityEquations(ABC):
         pair_accelerations
             (3,) derivative of the relative angular velocity of each pair.
         """
-        # da_v x_v of each variable. The vector a_v turns with its link, and at a contact
-        # slides on the link in proportion to the rate of the variable.
+        # da_v x_v of each variable. The vector a_v turns with its link. At a contact it
+        # also changes relative to the link, in proportion to the rate of the variable.
         vector_derivatives = [
             carried.derivative(w[carried.link], rate) * rate
             for carried, rate in zip(self.carried, rates, strict=True)

@@ -7,8 +7,8 @@ def shows(shown: str, printed: str) -> bool:
     """Return whether a console block of a page shows what a command has printed.
 
     Rounding errors such as 3e-14, and sizes of files, depend on the processor and may
-    differ. Spaces at the ends of lines do not count. `_mask_rounding` replaces such numbers
-    by a sign.
+    differ. So `_mask_rounding` replaces both by a sign before the comparison. Spaces at the
+    ends of lines do not count.
 
     Parameters
     ----------

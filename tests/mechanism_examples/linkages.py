@@ -110,9 +110,10 @@ def random_chain(random, links, freedoms=1):
 
 
 def choose_random_inputs(random, mechanism, freedoms):
-    """Return the mechanism with `freedoms` random revolute pairs as its inputs.
+    """Return the mechanism with random revolute pairs as its inputs.
 
-    Returns None if none of 12 choices determines the motion of all links.
+    The number of inputs is `freedoms`. Up to 12 random choices are tried. The result is
+    None if none of them determines the motion of all links.
     """
     revolute_pairs = [pair.name for pair in mechanism.pairs if pair.type == "R"]
     for _ in range(12):
@@ -278,8 +279,9 @@ def _mechanism_with_contacts(random, types, shaped):
 def _profile(random, point, normal, signed_radius, shaped):
     """Return a circle through a point, or a closed curve that is nearly this circle.
 
-    The curve is the circle with 2 or 3 waves of at most 5 % of its radius. The curve still
-    passes through the point, with the same tangent, because a crest of the waves is there.
+    It is the profile of one link in a contact, and the two profiles touch at the point. The
+    curve is the circle with 2 or 3 waves, whose amplitude is at most 5 % of the radius. One
+    of their extrema is at the point. So the curve has the tangent of the circle there.
 
     Parameters
     ----------

@@ -218,8 +218,9 @@ def platform_with_unlike_legs():
         "b3": "crank3 coupler3",
         "c3": "coupler3 platform",
     }
-    # The angle (rad) between the first arcs of both links at which the variable of a pair
-    # is 0. Any numbers other than 0 will do, for two inputs and a passive pair.
+    # The zero of a pair is the angle (rad) between the first arcs of both links when the
+    # variable of the pair is 0. Any zeros other than 0 will do, for two inputs and a
+    # passive pair.
     zeros = {"a1": 0.4, "b3": -0.7, "c2": 0.3}
     return mechanism_from_sizes(
         links,

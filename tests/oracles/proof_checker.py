@@ -503,16 +503,19 @@ class System:
     def degrees(self):
         """Return the degree of each equation (row) in each unknown (column).
 
-        The unknowns are half tangents tan(angle / 2); the degrees bound the number of
-        solutions. A placement puts a link on one or two links placed before it, its
-        parents. With two parents the link closes a loop, and has an equation: the arc
-        between its two axes is that of the link. A path of links leads from the root to
-        each axis. Only the parts after the last common link matter. Each rotation by an
-        angle on these parts adds 2 to the degree in this angle.
+        The unknowns are half tangents tan(angle / 2). `bound` computes the largest number
+        of solutions from the degrees. A placement puts a link on one or two links placed
+        before it, its parents. With two parents the link closes a loop and gives an
+        equation: its two axes, one on each parent, must be apart by the arc of the link.
 
-        A `TurnedLink` is a link on a path with the names of all angles on which its
-        orientation depends, relative to the link before it. A link on one pair depends on
-        one angle. A link that closes a loop depends on all angles of this loop.
+        The path of a link is the list of links that lead from the root (first link) to it.
+        Each link on it turns relative to the link before it: a link on one pair by one
+        angle, a link that closes a loop by all angles of the loop. A `TurnedLink` is a link
+        with the names of these angles.
+
+        The paths of both parents may begin with the same links. The turns of these links
+        do not change the arc between the two axes. A rotation is quadratic in the half
+        tangent of its angle. So each angle of the other links adds 2 to the degree in it.
         """
         path_by_link = {self.root: []}
         degrees_of_equations = []

@@ -634,9 +634,10 @@ def check_regular(mode_counter, centre, half_widths, stated_count, halvings=0):
 def check_contains(mode_counter, box):
     """Check that a box of two inputs contains a type II singularity.
 
-    It does if the number of assembly modes (ways to assemble the links) differs between two
-    points of the box. The modes are counted at points of finer and finer grids, just inside
-    the borders of the box.
+    Assembly modes (ways to assemble the links) can appear or vanish only at singularities
+    of type II. So there is one in the box if the number of modes differs between two of its
+    points. The modes are counted at points of finer and finer grids, just inside the
+    borders of the box.
     """
     mode_counts = set()
     centre = np.array(box["centre_rad"])
@@ -646,7 +647,7 @@ def check_contains(mode_counter, box):
     for steps in (2, 4, 16):
         for grid in product(np.linspace(-0.999, 0.999, steps + 1), repeat=2):
             inputs = ball(centre + half_widths * grid)
-            # None where the number is not shown.
+            # `count_modes` returns None if it cannot prove the number.
             mode_counts.add(mode_counter.count_modes(inputs, no_half_widths))
             if len(mode_counts - {None}) > 1:
                 return

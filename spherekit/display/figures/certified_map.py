@@ -51,9 +51,9 @@ def draw_certified_map(
     Parameters
     ----------
     areas
-        Centres and half widths (n, 2) of boxes (deg), by the label of their area. The label
-        of regular boxes is their number of modes. The label of other boxes is
-        `TYPE_II_LABEL` or `UNDECIDED_LABEL`.
+        Centres and half widths (n, 2) of boxes (deg), by label. An area is all boxes with
+        the same label, and is drawn in one colour. The label of regular boxes is their
+        number of modes. The label of other boxes is `TYPE_II_LABEL` or `UNDECIDED_LABEL`.
     names
         Names of the two inputs.
     """

@@ -111,8 +111,9 @@ def _subjects(
 
     The texts in a row name its subject, such as a pole. There is a curve for each subject
     in each assembly mode (way to assemble the mechanism). The label names the subject, such
-    as "pole 3/1". The page is the number of the assembly mode. A table without assembly
-    modes has one curve of all rows, without page and label.
+    as "pole 3/1". All curves of an assembly mode belong to one page, the number of the
+    mode. A table without assembly modes has one curve of all rows. Its page and its label
+    are empty.
 
     Parameters
     ----------
@@ -137,7 +138,7 @@ def _subjects(
 
 
 def _subject_columns(table: Table, frame: "pd.DataFrame") -> list[str]:
-    """Return the names of the columns whose texts tell the subjects of rows apart.
+    """Return the names of the columns whose texts distinguish the subjects of rows.
 
     The subject of a row is what its numbers describe, such as a pole. The caller groups the
     rows by these columns. A column with the same text in all rows is left out.

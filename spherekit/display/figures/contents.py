@@ -160,8 +160,8 @@ def plan_figures(
     draw_by_name: dict[str, Callable[[], Figure]] = {}
     for source in dict.fromkeys(scene.source for scene in scenes):
         source_scenes = [scene for scene in scenes if scene.source == source]
-        # Curves show the inputs that any analysis marks, such as singular ones. So
-        # `_plan_series` needs the scenes of all analyses.
+        # An analysis can mark inputs, such as singular ones. The curves of every analysis
+        # show all these marks, so `_plan_series` needs the scenes of all analyses.
         planned_figures = [
             *_plan_planes(source_scenes, sheet),
             *_plan_spheres(source_scenes, sheet),

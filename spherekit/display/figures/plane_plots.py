@@ -141,7 +141,8 @@ def _draw_path(panel: Axes, line: Floats, look: Look, has_start_dot: bool) -> No
     look
         Colour and dashes of the mode, and its name in the legend.
     has_start_dot
-        Whether a dot marks the first point. Dots beside singular curves mark other points.
+        Whether a dot marks the first point. A plot that also has fixed curves, such as
+        singular curves, has no such dot, because dots mark other points in it.
     """
     panel.plot(*line.T, linewidth=1.4, zorder=2.5, **look)
     finite_points = line[all_finite(line, 1)]

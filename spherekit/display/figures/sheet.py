@@ -155,8 +155,8 @@ class Sheet:
         longest_title
             Number of letters of the longest title. Long titles need wide panels.
         subplot
-            Kind of the panels, as keywords of matplotlib, such as ``{"projection":
-            "polar"}``.
+            Keywords with which matplotlib creates each panel, such as ``{"projection":
+            "polar"}`` for polar diagrams.
 
         Returns
         -------
@@ -319,12 +319,10 @@ def add_colour_bar(
 
     Parameters
     ----------
-    figure
-        The figure.
-    panels
-        The panels to which the bar belongs.
+    figure, panels
+        The figure, and the panels beside which the bar is drawn.
     values
-        (n,) the values.
+        (n,) the values that colours show in the panels. NaN and infinity are ignored.
     colour_scale
         Scale from values to the range 0 to 1.
     colours

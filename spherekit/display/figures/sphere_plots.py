@@ -269,7 +269,7 @@ def _draw_graticule(panel: Any, view: SphereView, title: str) -> None:
     panel.grid(**GRATICULE_LOOK)
     panel.set(ylim=(0.0, view.radius(view.rim)))
     # A round panel is put at the top ("N") of the rectangle that it gets. In the middle of
-    # a high rectangle, the layout would reserve too little space for the title.
+    # a high rectangle, matplotlib's layout would reserve too little space for the title.
     panel.set_anchor("N")
     panel.set_title(title, y=1.0, pad=TITLE_ABOVE_RIM_PT)
 
@@ -348,8 +348,8 @@ def _draw_sphere_map(
     if not len(sphere_map.triangles):
         panel.scatter(*points.T, c=sphere_map.values, s=7.0, linewidths=0.0, **look)
         return
-    # Points far outside of the rim are NaN, and their triangles are left out. Triangles
-    # across the rim are drawn and cut.
+    # Points far outside of the rim are NaN, and their triangles are left out. matplotlib
+    # cuts triangles across the rim of the panel.
     is_projected = all_finite(points, 1)
     triangles = sphere_map.triangles[is_projected[sphere_map.triangles].all(axis=1)]
     if not len(triangles):
@@ -416,7 +416,8 @@ def _draw_sphere_curves(panel: Axes, view: SphereView, sphere_curves: SphereCurv
     for curve in sphere_curves.curves:
         panel.plot(*view.project(np.asarray(curve)).T, **curve_look)
     for mark in sphere_curves.marks:
-        # The legend names the curves. A mark that only repeats this name is left out.
+        # The legend already has the label of the curves. A mark with the same label is not
+        # drawn.
         if has_curves and mark.label == label:
             continue
         (angle,) = view.angles_from_centre(mark.place[None])

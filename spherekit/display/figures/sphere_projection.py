@@ -193,8 +193,8 @@ def turn_to_side(directions: Floats, out: Floats) -> Floats:
 
     Returns
     -------
-    (n, 3) for each sample the direction or its opposite. If a part of the path between
-    samples without a direction is wholly on the rim, its first direction stays as it is.
+    (n, 3) for each sample the direction or its opposite. Samples without a direction divide
+    the path into parts. If a part is wholly on the rim, its first direction stays as given.
     """
     heights = directions @ out
     is_on_rim = np.abs(heights) < RIM_SINE

@@ -262,9 +262,9 @@ class PageMaker:
     def _check_arguments(self, page_formulas: Formulas) -> None:
         """Raise an error if formulas have arguments that the page does not have.
 
-        The page has the inputs, their rates and accelerations. The page counts whole
-        revolutions of passive (not driven) pairs on which loads depend, such as a wound
-        spring.
+        The scripts of the page evaluate the formulas in the browser. They know the inputs,
+        their rates and their accelerations. They also count whole revolutions of passive
+        (not driven) pairs on which loads depend, such as a wound spring.
 
         Raises
         ------
@@ -276,7 +276,7 @@ class PageMaker:
         # with "q", of their rates with "dq", and of their accelerations with "ddq".
         unknown_arguments: list[str] = []
         for argument in page_formulas.motion:
-            kind, *_ = argument.name.split("_")
+            kind = argument.name.split("_")[0]
             if kind not in MOTION_ARGUMENTS and argument.name not in turn_arguments:
                 unknown_arguments.append(argument.name)
         if unknown_arguments:
@@ -385,8 +385,8 @@ class PageMaker:
         if self._requested_quantities is not None:
             return self._make_formulas([*self._requested_quantities, *needed_names])
         try:
-            # By default torques are shown if there are masses. For them, raise an error for
-            # friction that depends on reactions. The text is a part of the message.
+            # By default torques are shown if there are masses. The check raises an error if
+            # there is friction that depends on reactions. Its message contains "a page".
             if self._mechanism.masses:
                 check_no_reaction_friction(self._mechanism, "a page")
             names = self._page_quantities.default_names(with_torques=True)
@@ -469,11 +469,11 @@ class PageMaker:
     def _turn_facts(self, pair: str) -> Facts:
         """Return what the page needs to count the whole turns of a passive pair (joint).
 
-        Closing the loops of links gives angles in (-pi, pi]. Whole turns are added, so that
-        an angle does not jump along an assembly mode (way to assemble the mechanism). At
-        one value of the input, the `anchor`, no turns are added. If the input grows by the
-        `period`, all configurations return. Anchor and period are the same for all passive
-        (not driven) pairs.
+        Pair angles are computed in (-pi, pi]. Whole turns are added to them, so that an
+        angle does not jump along an assembly mode (way to assemble the mechanism). At one
+        value of the input, the `anchor`, no turns are added. If the input grows by the
+        `period`, the mechanism has the same configurations again. Anchor and period are the
+        same for all passive (not driven) pairs.
 
         Returns
         -------

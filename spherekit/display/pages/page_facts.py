@@ -207,19 +207,23 @@ def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
     """Yield descriptions of one step in the construction of pole axes, for a page.
 
     A pole is the axis of the relative rotation of two bodies. Usually a step gives one pole
-    and has one description. In some parts of a mechanism (`BlockPoles`), velocity equations
-    give several poles at once. If one of these poles is known, others follow one by one, as
-    intersections of great circles through known poles. The first description has the poles
-    that only the equations give. Each of the other poles has a description of its own, with
-    its great circles.
+    and has one description.
+
+    A step of the kind `BlockPoles` computes several poles at once, from velocity equations.
+    The page also shows which of these poles would follow if one of them, the opening pole,
+    were known. They follow one by one, as intersections of great circles.
+
+    The first description of such a step lists the opening pole and all poles that do not
+    follow from it. Then each pole that follows has a description of its own, with its great
+    circles.
 
     A description has the keys that `_make_step_facts` lists.
     """
     if not isinstance(step, BlockPoles):
         yield _single_pole_facts(pole_plan, step)
         return
-    # The pole that has to be known first is called the opening pole. There is one inner
-    # step for each pole that follows from it.
+    # One inner step for each pole that follows from the opening pole. Without an opening
+    # pole there are none.
     inner_steps = step.steps_from_opening
     poles_on_circles = {inner_step.pole for inner_step in inner_steps}
     poles_of_equations = [pole for pole in step.poles if pole not in poles_on_circles]

@@ -275,11 +275,12 @@ class PageQuantities:
         return names
 
     def drawn_names(self, pole_plans: Sequence[Plan]) -> list[str]:
-        """Return the names of the quantities for the picture at the cursor.
+        """Return the names of the quantities with which the page draws the mechanism.
 
-        These quantities are axes of pairs (joints), orientations of links, and pole axes.
-        Links that cannot move relative to each other form one body, which has the number of
-        its first link. A pole is the axis of the relative rotation of two bodies.
+        The page draws one configuration, the one at its cursor. The quantities are axes of
+        pairs (joints), orientations of links, and pole axes. Links that cannot move
+        relative to each other form one body, which is named after its first link. A pole is
+        the axis of the relative rotation of two bodies.
 
         Parameters
         ----------

@@ -116,8 +116,8 @@ def _find_typed_limits(
 ) -> tuple[float, float]:
     """Return the smallest and the largest number that may be typed beside a slider.
 
-    This range is `TYPED_TO_SLIDER_RATIO` times as wide as the range of the slider. The
-    range is narrower if the mechanism file cannot be read with all these numbers.
+    This range is `TYPED_TO_SLIDER_RATIO` times as wide as the range of the slider. It is
+    narrower if the mechanism file would be refused with some numbers of the range.
 
     Parameters
     ----------

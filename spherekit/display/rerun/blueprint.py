@@ -58,10 +58,12 @@ def slug(title: str) -> str:
 def unique_slug(title: str, slugs: dict[str, str]) -> str:
     """Return a title as a part of a path that no other title has.
 
+    The paths name charts and pages in the Rerun viewer.
+
     Parameters
     ----------
     title
-        The title.
+        The title of a chart or page.
     slugs
         The parts of paths by title so far. The part of a new title is added.
     """

@@ -193,7 +193,8 @@ class Chart:
 
         Returns
         -------
-        Positions (k, 2) in units of the chart, y down, and k colours.
+        Positions (k, 2) in units of the chart, y down, and k colours. Both are in the order
+        of the series in the chart.
         """
         tints = [self.tints[path] for path in self.curves if path in paths]
         if self.is_map:  # the name is in the upper right corner of the chart
@@ -327,7 +328,7 @@ class Chart:
         yield "scale", draw_words(self._scale_words(low, high))
 
     def _scale_words(self, low: float, high: float) -> list[tuple[float, float, str]]:
-        """Return round values beside the scale of colours of a map, with their places.
+        """Return the texts at the colour scale of a map: round values, and their positions.
 
         Parameters
         ----------
@@ -336,12 +337,12 @@ class Chart:
 
         Returns
         -------
-        For each value its x and y place in units of the chart, y down, and its text.
+        For each value its position x, y in units of the chart, y down, and its text.
         """
         x = self.width + MAP_SCALE_GAP + MAP_SCALE_WIDTH + MAP_SCALE_TEXT_GAP
         words = []
         # A tick is a fraction of the height of the scale, and a text. The viewer writes a
-        # text `LABEL_DROP` below its place.
+        # text `LABEL_DROP` below its position.
         for fraction, text in frame_side("", (low, high)).ticks:
             words.append((x, FRAME_HEIGHT * (1.0 - fraction) - LABEL_DROP, text))
         return words

@@ -109,9 +109,11 @@ class FileOutput:
     def _lock_part(self) -> None:
         """Create the part file of a recording if necessary, and lock it.
 
-        The lock belongs to a file object of its own, which stays open until the recording
-        is complete. The file is opened for appending, so a run that gets no lock does not
-        empty the file of another run.
+        The part file ``NAME.rrd.part`` has the recording until it is complete. The lock
+        prevents two runs from writing to the same file. It belongs to a second file object,
+        which writes nothing and stays open until the recording is complete. This object is
+        opened for appending, so a run that gets no lock does not empty the file of another
+        run.
 
         Raises
         ------
@@ -171,7 +173,17 @@ class FileOutput:
             self._raise_copy_error()
 
     def complete(self) -> None:
-        """Write the rest, and rename the part file to ``NAME.rrd``."""
+        """Complete the recording, and give the file its final name ``NAME.rrd``.
+
+        During the recording the file is called ``NAME.rrd.part`` (the part file). Data that
+        rerun has not yet written, and those still in the pipe, are written to it first.
+
+        Raises
+        ------
+        OutputError
+            If data could not be written, or the file cannot be renamed.
+        """
+        # Without a copying thread the file was never opened, or it is closed already.
         if self._copier is None:
             return
         # The lock lasts until the file has its final name. Otherwise another run could
@@ -209,7 +221,9 @@ class FileOutput:
         # Without a thread the file was never opened, or it is closed already.
         if self._copier is None:
             return ""
-        with self._lock:  # the part file of another run must not be deleted
+        # This run has locked the part file. The lock ends only after the file is deleted.
+        # Otherwise another run could begin to record in the file before it is deleted.
+        with self._lock:
             self._finish_copy()
             # An error while writing matters only if the file stays.
             if keep:

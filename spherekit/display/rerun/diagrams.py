@@ -41,13 +41,13 @@ Moving = tuple[str, Columns]
 
 
 def draw_static(diagram: Diagram) -> Stills:
-    """Yield the frame of a diagram, and the appearance of its parts that move.
+    """Yield what is the same in all rows of a diagram: its frame, line widths and colours.
 
     A diagram shows points and straight lines in a plane, which move from row to row. A row
-    is a sample of a motion, or a step of a construction. The frame, the line widths, and
-    the colours of lines, legend and step are the same in all rows, and are logged once. The
-    positions and texts of all rows, and the colours of points and names, are logged by
-    `moving_columns`.
+    is a sample of a motion, or a step of a geometric construction. The results are logged
+    once for all rows. They are the frame, the line widths, and the colours of lines, legend
+    and step. `moving_columns` yields the rest: the positions and texts of all rows, and the
+    colours of points and names.
 
     Each part is an entity (a name in the tree of the viewer rerun). The parts that move are
     ``points``, their ``names``, straight ``lines``, ``leaders`` (thin lines from a point to
@@ -73,7 +73,8 @@ def draw_static(diagram: Diagram) -> Stills:
         radius = rr.Radius.ui_points(line_width)
         yield name, rr.LineStrips2D.from_fields(colors=colour, radii=radius)
     if diagram.readings is not None:
-        # Each point has a `tone`, the number of a colour.
+        # The tone of a point is the index of its colour. Its angles in the legend have the
+        # same colour.
         tints = [colours.tone_colour(tone) for tone in diagram.tones[:MAX_LISTED_READINGS]]
         yield "legend", legend_style(legend_places(width, len(tints)), tints)
     yield "step", rr.Points2D.from_fields(radii=0.0, show_labels=True, colors=colours.PALE)

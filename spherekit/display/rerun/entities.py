@@ -245,16 +245,20 @@ def moving_columns(
 
 
 def _arrow_style(arrow: Arrow) -> Stills:
-    """Yield the appearance of an arrow, which is the same in all rows of a recording.
+    """Yield the appearance of an arrow, which is the same at all samples of the motion.
 
     A primary arrow is the axis of a pair (joint), in silver. Every other arrow is a pole:
     the instantaneous axis of the relative rotation of two links that no pair joins. It is
-    gold, and has a label and a trail of dots where the pole was in the last samples.
+    gold and has a label.
+
+    An arrow can be hidden when the viewer opens (`shown` is false). Users can switch it on,
+    so its appearance is logged too. A pole that is shown from the start also has a trail,
+    if its path is to be shown (`path_shown`): dots where it was at the last samples.
 
     Yields
     ------
     A path below the path of the arrow, and the data to log there. `ENTITY_ITSELF` stands
-    for the path of the arrow. Positions follow row by row, see `_arrow_columns`.
+    for the path of the arrow. `_arrow_columns` yields the positions at the samples.
     """
     if arrow.primary:
         yield ENTITY_ITSELF, rr.Arrows3D.from_fields(colors=colours.SILVER, radii=0.006)
@@ -277,7 +281,8 @@ def _arrow_columns(arrow: Arrow, labels: NDArray[np.object_] | None) -> Iterator
     ----------
     arrow
         The axis of a pair (`primary`), or a pole: the axis of the relative rotation of two
-        links that no pair joins. Only a pole has a label and a trail (dots along its path).
+        links that no pair joins. Only a pole has a label. It has a trail (dots along its
+        path) if it is shown from the start (`shown`) and its path is shown (`path_shown`).
     labels
         (rows,) labels, empty where the pole has none. By default the label of the arrow is
         used in all rows.

@@ -140,9 +140,9 @@ class _NameRequest:
 def facing(focus: Floats | None) -> Sight:
     """Return the eye, its target and the upward direction for a view of a mechanism.
 
-    The eye is outside of the sphere, on the side of the middle of the mechanism, and looks
-    nearly at the centre of the sphere. The z axis is up. If the middle is near the z axis,
-    -x is up, so that the picture is not twisted.
+    The eye is outside of the sphere, on the side on which the middle of the mechanism is.
+    It looks nearly at the centre of the sphere. The z axis is up. If the middle is near the
+    z axis, -x is up, so that the picture is not twisted.
 
     Parameters
     ----------
@@ -335,8 +335,8 @@ class Names:
         longest_arc = np.asarray(max(body.curves, key=_curve_length))  # (points, 3)
         last = len(longest_arc) - 1
         point_numbers = np.round(LINK_NAME_FRACTIONS * last).astype(int)
-        # Possible places (k, 3) in the axes of the link, and the middles (pictures, k, 2)
-        # of the name.
+        # Possible places (k, 3) in the axes of the link. For each of them, the middle
+        # (pictures, k, 2) of the name in the plane of the picture.
         places = LINK_NAME_RADIUS * longest_arc[point_numbers]
         centres = self._centres(rotations, places)
         return [

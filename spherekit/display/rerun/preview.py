@@ -150,8 +150,9 @@ def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
             "in the ranges of its inputs, so there is nothing to show; change the ranges "
             "or the sizes"
         )
-    # A sample is one value of the inputs. The motion has a row for each mode that exists at
-    # this sample. Modes follow each other, so the least sample may be in any row.
+    # A sample is one value of the inputs. The motion has a row for each mode at each
+    # sample: all samples of the first mode, then those of the next mode. `assembled` has
+    # only rows that can be assembled, so the least sample may be in any row.
     first_sample = assembled.rows(assembled.sample == np.min(assembled.sample))
     inputs = ", ".join(
         f"{item.pair} = {np.degrees(angle):.4g} deg"

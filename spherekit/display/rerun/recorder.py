@@ -424,9 +424,10 @@ class RerunRecorder:
     def _log_failures(
         self, scene: Scene, timelines: list[rr.TimeColumn], row_count: int
     ) -> bool:
-        """Log a label at the rows without a configuration, where a link has NaN.
+        """Log a label at the rows without a configuration.
 
-        The label is the text "no configuration here". A page (the drawings of an assembly
+        In such a row the orientation of a link is NaN. The label is the text "no
+        configuration here". A page (the drawings of an assembly
         mode or an analysis) has a view of the sphere, which shows the label. A label that
         is new on a page is added to this view, which changes the layout of the window.
 
@@ -666,8 +667,9 @@ class RerunRecorder:
                 # Overrides change the appearance of single things in the viewer.
                 if not shown:
                     layout.overrides.append((page, path, HIDDEN))
-                # A pole axis that is not the axis of a pair (`primary`) has a trail: dots
-                # at its last positions, over a range of the timeline.
+                # An arrow is the axis of a pair (`primary`), or another pole axis. Only the
+                # other pole axes have trails: dots at their last positions. `trail_range`
+                # says how far a trail goes back.
                 has_trail = shown and path_shown and not primary
                 if has_trail:
                     trail = f"{path}/trail"
@@ -683,6 +685,8 @@ class RerunRecorder:
                 view = partial(space_view, path, label)
                 layout.plots.append(Plot(page, path, has_findings, view))
             case InputMarks():
+                # Marked inputs, such as singular ones, have no view. They are drawn later,
+                # in all charts of the page.
                 marks = self._open_charts.marks.setdefault(layout.base(page), [])
                 marks.append(primitive)
             case Graph():

@@ -178,7 +178,7 @@ def check_version(recording: Path) -> None:
 def _maximise_3d_view(client: ViewerClient, recording: Path) -> str:
     """Let the 3D view of the visible page fill the window, without the time panel.
 
-    Returns the id of the view.
+    Returns the id of the view, of which a picture is taken.
 
     The layout of the window (blueprint of rerun) is a nested mapping that is read from the
     viewer, changed and sent back.
@@ -199,7 +199,8 @@ def _maximise_3d_view(client: ViewerClient, recording: Path) -> str:
         raise OutputError(f"{recording} shows no 3D view")
     blueprint["/viewport"]["ViewportBlueprint"]["maximized"] = visible[0]
     blueprint["/time_panel"]["TimePanelBlueprint"]["state"] = "Hidden"
-    client.set_blueprint(blueprint, of="recording")  # not that of a table
+    # The viewer has layouts for recordings and for tables. This is one for a recording.
+    client.set_blueprint(blueprint, of="recording")
     return visible[0]
 
 
@@ -336,7 +337,8 @@ def _cursor_position(
 ) -> tuple[str, int]:
     """Return the timeline, and the position on it, at which a picture is to be taken.
 
-    A recording can be shown along several timelines: times, inputs or sample numbers.
+    A recording can be shown along several timelines. Every recording of the project has a
+    timeline of sample numbers. It can have another one, of times or of an input.
 
     Parameters
     ----------
@@ -345,7 +347,7 @@ def _cursor_position(
     sample, input_deg
         A sample number or an input (deg), at most one of them. If neither is given, the
         result is the first position on the timeline of times. Without such a timeline it is
-        that on the timeline of an input, otherwise on that of samples.
+        that on the timeline of an input, or else on that of sample numbers.
     recording
         Path of the recording, for messages.
 
@@ -356,6 +358,12 @@ def _cursor_position(
     tick
         The position on this timeline, a whole number: a sample number, the input in ticks
         (parts of a degree), or a time in ns.
+
+    Raises
+    ------
+    OutputError
+        If the recording does not have the timeline of the input, the input or the sample.
+        Unless an input is given, also if it does not have a timeline of sample numbers.
     """
     # `ticks_per_degree` is None for timelines that are not of an input.
     input_timelines = []
@@ -375,6 +383,7 @@ def _cursor_position(
                 f"{first / scale:g} to {last / scale:g} deg"
             )
         return name, round(input_deg * scale)
+    # A file without this timeline is not a recording of the project.
     if SAMPLE_TIMELINE not in timelines:
         raise OutputError(f"{recording} has no timeline named {SAMPLE_TIMELINE}")
     if sample is not None:

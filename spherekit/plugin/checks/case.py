@@ -48,7 +48,7 @@ class ConformanceCase:
 
     @cached_property
     def run_plan(self) -> RunPlan:
-        """The plan of the run: which quantities it evaluates, and in which blocks.
+        """The plan of the run: the quantities it evaluates, and its blocks of samples.
 
         Raises
         ------
@@ -56,12 +56,12 @@ class ConformanceCase:
             If the analysis does not declare the quantities that it needs as the contract of
             plugins requires (`spherekit.runs.contract`).
         """
-        # The quantities that the analysis reads, as it declares them. `refused` of the plan
-        # has the faults of this declaration.
+        # The quantities that the analysis declares as those that it reads.
         declared_needs = collect_needs(
             [self.analysis], self.sampling.position_analysis.mechanism
         )
         run_plan = make_run_plan(self.sampling, [self.analysis], declared_needs)
+        # `refused` has a message for each analysis with a faulty declaration.
         for fault in run_plan.refused.values():
             raise PluginError(fault)
         return run_plan
@@ -114,8 +114,8 @@ class ConformanceCase:
 
         Returns
         -------
-        The batches. An analysis that reads no samples is computed once, with the first
-        batch.
+        The batches. If the analysis reads no samples, only the first batch is returned,
+        because a run computes this analysis once.
         """
         run_plan = self.run_plan
         blocks = map(change_motion, run_plan.source.blocks(block_size))

@@ -81,7 +81,9 @@ def check_reads(case: ConformanceCase) -> str:
 def check_inputs(case: ConformanceCase) -> str:
     """Check that the analysis does not write to the arrays of its input data.
 
-    Such arrays are read-only, so an attempt has raised an error.
+    Such arrays are read-only, so that writing to them raises an error. The case has called
+    each method of the analysis and kept its error (`ConformanceCase.errors`). This check
+    looks for errors of this kind.
 
     Returns
     -------
@@ -160,7 +162,7 @@ def check_blocks(case: ConformanceCase) -> str:
 
     Returns
     -------
-    The block sizes, as the end of the line of the report that begins with "blocks".
+    The block sizes as a text. The report prints it in the line that begins with "blocks".
     """
     if not case.analysis.reads_samples:
         raise NotApplicableError("it reads no samples")
@@ -262,8 +264,9 @@ def check_failed_rows(case: ConformanceCase) -> str:
 def check_rotation(case: ConformanceCase) -> str:
     """Check that the analysis does not depend on the direction of the ground axes.
 
-    The whole mechanism is rotated. The tables of results must then have the same rows, with
-    vectors rotated.
+    The analysis of the plugin runs on the mechanism of the case, and on a copy that is
+    rotated as a whole. The tables of both runs must have the same rows, with the vectors
+    rotated.
 
     Returns
     -------
@@ -336,7 +339,8 @@ def check_scene(case: ConformanceCase) -> str:
 
     Returns
     -------
-    The number of scenes of the analysis in words. Each scene is one page of the recording.
+    The number of scenes as a text, such as "2 pages". Each scene is one page of the
+    recording.
     """
     # The import switches on the strict mode, in which wrong shapes of data raise errors.
     from spherekit.display.rerun.recorder import RerunRecorder

@@ -155,6 +155,9 @@ def _first_different_row(
 def replace_words(data: TableArrays, replacements: Mapping[str, str]) -> TableArrays:
     """Return a table with some words in its texts replaced, such as names of links.
 
+    A check renames the links of a mechanism and computes its tables again. This function
+    puts the old names back, so that both tables can be compared.
+
     Parameters
     ----------
     data
