@@ -94,9 +94,10 @@ def _measure_dynamics(quick: bool) -> Section:
         "Compiled forward dynamics",
         "The four-bar of the paper with q(0) = 0.3, q'(0) = 1, the loads of Table 2 and "
         "a torque 10 sin 2t on link 2, over 10 s. The error is the largest error of q at "
-        "101 times, compared with a reference simulation in ball arithmetic. Tolerances "
-        "above 1e-12 are treated as 1e-12. heyoka keeps compiled code on disk, so a "
-        "second process compiles faster.",
+        "101 times, compared with a reference simulation in ball arithmetic. The "
+        "engine uses at most 1e-12 as the tolerance of a step, so rows with larger "
+        "tolerances have the same steps. heyoka keeps compiled code on disk, so a second "
+        "process compiles faster.",
         (
             "mode",
             "tolerance",

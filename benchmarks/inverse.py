@@ -44,11 +44,12 @@ def run(quick: bool) -> list[Section]:
     return [
         Section(
             "Inverse kinematics",
-            f"The inputs at {pose_count} random poses of the output, with their margin of "
-            "reach, status and measures of type I. The times are medians on one core. The "
-            "last two columns divide longer computations by this time: one with the "
-            "measure of type II, which is computed only when it is read, and one with the "
-            "positions of all links.",
+            f"The time to compute the inputs at {pose_count} random poses of the output. "
+            "It includes the margin of reach of each pose, its status and the measures of "
+            "type I singularities. The times are medians on one core. The last two columns "
+            "are the times of longer computations, divided by the time of one mode. The "
+            "first one also computes the measure of type II, which is otherwise computed "
+            "only when it is read. The second one computes the positions of all links.",
             (
                 "mechanism",
                 "output",

@@ -153,11 +153,13 @@ def test_elimination_has_every_configuration_that_a_random_search_finds(
 ):
     """Elimination has all configurations that a search finds, for random axes.
 
-    Compared are `count` mechanisms, by `check_complete`. Elimination has to find the number
-    of complex `roots`; the real ones are configurations. The search, with `starts` random
-    starts each, finds more than 90 % of all configurations, so it would notice a missing
-    one. There have to be at least 8 configurations in total, so that the share means
-    something.
+    `check_complete` compares the two for `count` mechanisms with random axes. `chain` has
+    the links of each pair, and `driven` the names of the inputs. `roots` is the number of
+    complex roots that elimination has to find. The real roots are the configurations.
+
+    The search has `starts` random starts for each mechanism. It has to find more than 90 %
+    of all configurations, so that it is likely to notice a missing one. There have to be at
+    least 8 configurations in total, so that this share means something.
     """
     random = np.random.default_rng(seed=roots)  # any seed will do
     eliminated_total = 0
@@ -174,9 +176,9 @@ def test_elimination_has_every_configuration_that_a_random_search_finds(
 def test_agile_eye_has_eight_real_modes_four_of_them_trivial():
     """In four of the eight modes of the Agile Eye, the platform axes lie along base axes.
 
-    A mode is a way to assemble the mechanism. This is so at any inputs (I. Bonev et al.,
-    2006); here they are 23, 11 and 37 degrees. The pairs a1 to a3 are those of the base, c1
-    to c3 those of the platform.
+    A mode is a way to assemble the mechanism. These four trivial modes exist at any inputs
+    (I. Bonev et al., 2006). Here the inputs are 23, 11 and 37 degrees. The pairs a1 to a3
+    are those of the base, c1 to c3 those of the platform.
     """
     solver, assemblies = find_all_configurations(
         sk.load("agile_eye"), np.radians([23.0, 11.0, 37.0])

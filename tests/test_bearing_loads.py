@@ -35,17 +35,19 @@ STARTS["bevel_differential"] = (0.3, 0.2)
 def mechanism_on_bearings(name, seed=3, distance=0.7):
     """Return a shipped mechanism with masses, loads and two bearings in every R pair.
 
-    Redundant constraints would leave some forces undetermined. Therefore both bearings of
-    some pairs are floating bearings, which let the links slide along the axis. In the other
-    pairs the first bearing is fixed and supports the whole axial force.
+    Tests compute the forces of all bearings and contacts. Equilibrium has to determine
+    these forces. If every bearing held its links along the axis, there would be more axial
+    forces than equilibrium can determine. Therefore some pairs have two floating bearings,
+    which let the links slide along the axis. In the other pairs the first bearing supports
+    the whole axial force.
 
     Parameters
     ----------
     name, seed
         Shipped mechanism, and seed of its masses.
     distance
-        Distance (m) from the centre of the sphere of all contacts, the pairs that are no R
-        pairs: wheels and cams.
+        Distance (m) between each contact and the centre of the sphere. The contacts are the
+        pairs of wheels and of cams, which have no axis.
 
     Returns
     -------
@@ -59,16 +61,16 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
     mechanism = mechanism.with_inputs(*[item.pair for item in mechanism.inputs])
     pairs = []
     for pair in mechanism.pairs:
-        if pair.type == "Cr":  # wheels that roll on each other, by their teeth
+        if pair.type == "Cr":  # wheels with teeth that roll on each other
             pair = replace(pair, distance=distance, pressure_angle=PRESSURE_ANGLE_RAD)
-        elif not pair.kind.has_axis:
+        elif not pair.kind.has_axis:  # cams, which have no teeth
             pair = replace(pair, distance=distance, pressure_angle=None)
         pairs.append(pair)
     mechanism = replace(mechanism, pairs=tuple(pairs))
 
-    # `lacking` says what is missing to determine all forces. Centres of mass and distances
-    # of contacts are not missing. It is enough that the pairs in `floating` let their links
-    # slide along the axis.
+    # `lacking` says what the mechanism would have to state so that all forces are
+    # determined. It already states all centres of mass and distances of contacts. The pairs
+    # in `floating` need floating bearings. With these, all forces are determined.
     lacking = reactions(
         motion_by_polynomial_laws(mechanism, STARTS[name], [0.0, 0.2])
     ).lacking
@@ -220,11 +222,18 @@ def test_axial_shares_of_bearings_are_kept_in_files_and_checked(tmp_path):
 def test_a_spinning_shaft_is_slowed_by_its_weight_on_the_fixed_bearing():
     """Friction of a fixed bearing slows a balanced vertical shaft as calculated by hand.
 
-    The shaft presses on the fixed bearing with m g along the axis only. So C a = -c r m g,
-    with the moment of inertia C = 0.2 kg m^2, the coefficient c = 0.4 and the radius r =
-    0.05 m. From the rate w = 9 rad/s on, the angle is w t - c r m g t^2 / (2 C). Bearings
-    without `axial` support the moment only, which is 0 here, so they have no friction. If
-    both bearings float, no bearing supports the weight and the simulation is refused.
+    A fixed bearing supports the axial force of the shaft, a floating one does not. Here the
+    fixed bearing carries the whole weight m g. So C a = -c r m g, with the moment of
+    inertia C = 0.2 kg m^2, the coefficient c = 0.4 and the radius r = 0.05 m. From the rate
+    w = 9 rad/s on, the angle is w t - c r m g t^2 / (2 C).
+
+    The argument `axial` says which bearing is fixed. Two other cases are tried:
+
+    - `axial` is not stated. The friction then ignores the force on the shaft. It follows
+      only from the moment that the bearings exert about the centre of the sphere. The
+      moment of the weight is 0, because the centre of mass is on the vertical axis. So
+      there is no friction.
+    - Both bearings float. No bearing carries the weight, and the simulation is refused.
     """
     weight = sk.Gravity("weight", (0.0, 0.0, -10.0))
     bearings = sk.Bearings(

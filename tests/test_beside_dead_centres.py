@@ -92,21 +92,22 @@ FOLDING = [60.0, 50.0, 30.0, 40.0]
 
 
 def _rocker_rates(crank_angle):
-    """Return the rates of the rocker per unit rate of the crank, in both modes.
+    """Return the rates of the rocker per unit rate of the crank, in both assembly modes.
 
-    This is an independent formula in many digits (mpmath). The diagonal is the arc between
-    the end of the crank and the axis of the rocker. It divides the four-bar into two
-    spherical triangles: one with frame and crank, the other with coupler and rocker. The
-    rocker angle is the sum or difference of their angles at the axis of the rocker. Its
-    derivative is numerical.
+    The four-bar has the arcs `FOLDING`. The test compares its computed rates with these
+    rates, which follow from another formula in many digits (mpmath). The diagonal is the
+    arc between the end of the crank and the axis of the rocker. It divides the four-bar
+    into two spherical triangles: one with frame and crank, the other with coupler and
+    rocker. The rocker angle is the sum (first mode) or difference (second mode) of their
+    angles at the axis of the rocker. Its derivative is numerical.
     """
     frame, crank, coupler, rocker = (mp.radians(mp.mpf(arc)) for arc in FOLDING)
 
     def rocker_angle(theta, sign):
         """Return the rocker angle from the crank angle theta and the sign of the mode.
 
-        The diagonal is the arc from the end of the crank to the axis of the rocker. All
-        angles but theta are at this axis.
+        The diagonal is the arc from the end of the crank to the axis of the rocker. The
+        angles between arcs are measured at this axis. Only theta is at the crank's axis.
         """
         cos_diagonal = mp.cos(frame) * mp.cos(crank)
         cos_diagonal += mp.sin(frame) * mp.sin(crank) * mp.cos(theta)
@@ -247,8 +248,12 @@ def test_rounding_of_the_input_reaches_a_dead_centre_through_the_dyad_before_it(
     modes = {mode.signs: mode.number for mode in motion.assembly_modes}
     rows = motion.rows(np.flatnonzero(motion.assembly_mode == modes[1, 1]))
     assert rows.status.tolist() == [Status.AT_SINGULARITY] * 3
-    # The exact angles of all pairs but the input. The spherical triangle of the first dyad
-    # has two sides of 90 deg, and that of the second dyad is flat.
+    # The exact angles of the pairs 32, 43, 41, 54, 65 and 61, at all three inputs:
+    # - The triangle of the axes 32, 43 and 41 has two sides of 90 deg, which meet at axis
+    #   43, and the side `gap`. So its angle at 43 is `gap`, and both others are 90 deg.
+    # - Links 5 and 6 are in line, so the angle of pair 65 is 180 deg.
+    # - They lie on the great circle through axes 54 and 61. These axes are both 90 deg from
+    #   axis 41. So this circle makes angles of 90 deg with the arcs from 41 to 54 and 61.
     passive_angles = np.radians([-90.0, gap, -90.0, -90.0, 180.0, 90.0])
     errors = np.sin(0.5 * (rows.values[:, 1:] - passive_angles))
     # With the small gap, the error bounds of the angles exceed
@@ -257,8 +262,10 @@ def test_rounding_of_the_input_reaches_a_dead_centre_through_the_dyad_before_it(
     assert np.all(has_angles) == (gap > 0.1)
     bounds = rows.configuration_error[has_angles, None]
     assert np.all(2.0 * np.abs(errors[has_angles]) <= bounds)
-    # The status is the same if the first dyad is closed by Newton's method. Its sign 0 says
-    # that it is treated like a group of links that is no dyad.
+    # The status is the same if the first dyad is closed by Newton's method, from `starts`.
+    # The first argument of `place` has a number for each dyad. 1 or -1 selects one of its
+    # two solutions in closed form, and 0 selects Newton's method. `determinants` can state
+    # to which mode Newton's method must lead. It is empty here, so this is not checked.
     starts = np.column_stack([rows.inputs, np.tile(passive_angles, (3, 1))])
     quad_assembly = QuadAssembly(mechanism, motion.assembly)
     placed = quad_assembly.place([0, 1], determinants=(), q=rows.inputs, starts=starts)

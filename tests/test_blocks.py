@@ -376,7 +376,8 @@ def test_an_analysis_that_reads_no_samples_is_not_repeated_in_a_resumed_run(tmp_
     """A run that is interrupted and resumed calls an analysis without samples only once.
 
     `SampleFreeAnalysis` counts its calls. The run is interrupted after two blocks of
-    samples. The resumed run has the rows, finding and remark of the first part.
+    samples. The resumed run must still have the three rows, the finding "third" and the
+    remark "Three." that the analysis returned in the first part.
     """
 
     def interrupt_after_eight_samples(done, total):

@@ -105,13 +105,14 @@ to 4.0 (over 0), 101.0 to 112.2, 118.8 to 140.9 and 324.2 to 346.3 deg only."""
 
 @pytest.mark.slow
 def test_components_between_five_equally_spaced_inputs_are_found():
-    """All curves of a six-bar that exist only in narrow ranges of the input are found.
+    """`configurations` finds curves that exist in narrow ranges of the input only.
 
-    A curve consists of configurations that join each other. There are four curves.
-    Configurations at five equally spaced inputs miss three of them, which exist in ranges
-    of 11 and 22 degrees only. `configurations` first finds the turning points, which are
-    the inputs at which curves turn back. It claims to be complete. The expected ends of the
-    ranges (deg) were computed earlier.
+    A curve consists of configurations that join each other. This six-bar has four closed
+    curves. Each of them exists in a single range of the input, 11 or 22 degrees wide.
+    Configurations at five equally spaced inputs miss three of the curves. `configurations`
+    first finds the turning points, which are the inputs at which curves turn back. Its
+    result states that no curve is missing (`guarantee`). The expected ends of the ranges
+    (deg) were computed earlier.
     """
     # Unit vectors of the pair axes in a reference pose.
     axes = np.array(HIDDEN) / np.linalg.norm(HIDDEN, axis=1, keepdims=True)

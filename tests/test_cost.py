@@ -275,12 +275,15 @@ DERIVATIVE = "sensitivity:of=theta_14,by=links.2.arc,draws=0"
 
 @pytest.mark.parametrize("analysis", ["dynamics", "statics", DERIVATIVE])
 def test_only_needed_leaves_the_numbers_of_dynamics_statics_and_sensitivity(analysis):
-    """With `only_needed`, a run of a part of the mechanism has the same numbers.
+    """With `only_needed`, a run has the same numbers as a run of the whole mechanism.
 
-    The first four-bar of Watt's six-bar has a mass and a spring at its rocker, link 4 on
-    pair 14. The other two links do not matter and are left out, with three pairs. The whole
-    mechanism has more assembly modes than the part, several of them with the same columns.
-    So the rounded columns of all modes are compared as sets.
+    `only_needed` leaves out the links and pairs on which no result depends. The first
+    four-bar of Watt's six-bar has a mass and a spring at its rocker, link 4 on pair 14. So
+    the other two links are left out, with three pairs.
+
+    An assembly mode is a way to assemble the links. The whole mechanism has more modes than
+    the part, and several of them have the same column. So the rounded columns of all modes
+    are compared as sets.
     """
     # Sensitivity has a derivative, dynamics and statics have a driving torque.
     column = "derivative" if analysis == DERIVATIVE else "tau"
@@ -351,10 +354,10 @@ def test_explain_of_a_long_chain_measures_few_rows(triads, tmp_path, capsys, mon
     """The command `explain` predicts the files of a 30-link chain from three small runs.
 
     The chain is a four-bar with dyads (two links each); with `triads` also groups of four
-    links are added. The small runs have 12 and 24 samples without an analysis and 4 samples
-    with one, without a search for assembly modes. So the number of modes is not predicted
-    (None). The sizes are estimates: 25 % are allowed for CSV and a factor of 2.5 for
-    Parquet.
+    links are added. Two small runs have 12 and 24 samples and no analysis. The third has 4
+    samples and one analysis. None of them searches assembly modes, so the number of modes
+    is not predicted (None). The predicted sizes are estimates. CSV files may differ by 25 %
+    and Parquet files by a factor of 2.5.
     """
     mechanism = chains.grow_dyad_chain(np.random.default_rng(5), 30, triads)
     path = tmp_path / "chain.toml"

@@ -478,7 +478,7 @@ def test_columns_and_keys_that_pages_name_are_declared(declared):
 
 
 def test_options_that_pages_name_are_those_of_commands(capsys):
-    """Every `--option` in a page is in the help of a command or of the benchmarks.
+    """Every `--option` in a page is in the help of a command or of `python -m benchmarks`.
 
     Exceptions are `OF_OTHER_PROGRAMS`, the options of programs such as pip.
     """

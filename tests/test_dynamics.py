@@ -110,7 +110,11 @@ def rows_of(frame, assembly_mode, **chosen):
 
 
 def mode_of(exact, theta41):
-    """Return the p of eq. (25) that has this theta41 at the first sample."""
+    """Return the number p (0 or 1) of the mode with this theta41 at the first sample.
+
+    The closed forms depend on p, by eq. (25) of Di Gregorio (2024). So the caller finds the
+    exact values for an assembly mode of a run.
+    """
     return int(abs(np.sin(0.5 * (exact[1][0, 0] - theta41))) < 1e-9)
 
 
@@ -119,10 +123,13 @@ def test_tables_1_and_2_of_the_source(four_bar_run, exact, assembly_mode):
     """All columns of a run of 121 samples are those of the closed forms, to 1e-12.
 
     The source is Di Gregorio (2024), whose Tables 1 and 2 have these quantities.
-    `four_bar_run` is the run, and `exact` has the closed forms in 60 digits, by the mode
-    that `mode_of` finds. A pole is the axis of the relative rotation of two links: pole 31
-    is that of the coupler (link 3) relative to the ground (link 1). The sign of a pole
-    direction is arbitrary, and the coefficients of the pole 31 change their sign with it.
+    `four_bar_run` is the run. `exact` has a table of the closed forms for each of the two
+    modes, which the source numbers p = 0 and 1. `mode_of` returns the p of an assembly mode
+    of the run: the p with the same rocker angle at the first sample.
+
+    A pole is the axis of the relative rotation of two links: pole 31 is that of the coupler
+    (link 3) relative to the ground (link 1). The sign of a pole direction is arbitrary, and
+    the coefficients of the pole 31 change their sign with it.
     """
     tolerance = 1e-12
     motion = rows_of(four_bar_run.frame("motion"), assembly_mode)
@@ -236,11 +243,12 @@ def test_a_loaded_reduced_model_has_all_loads_and_ends_at_a_joint_limit(tmp_path
 
     sk.reduced_model(mechanism, poles=()).save(tmp_path / "loads.npz")
     model = sk.load_reduced(tmp_path / "loads.npz")
-    # The crank does not turn fully, so the functions depend on s, the arc length of the
-    # curve of configurations.
+    # The crank does not turn fully, so the functions depend on s. This is the arc length
+    # along the curve that the configurations form in the space of the joint angles.
     assert model.heading.by == ("s",)
     assert not model.heading.periodic
-    # The arc length at the start. An added revolution must make no difference.
+    # `places` returns the arc lengths at which the angle of the crank has a value, here
+    # that of the start. An added revolution must make no difference.
     (s,) = model.places("theta_21", 0.3 + 2.0 * np.pi)
     s_rate = 4.0 / model.value("d(theta_21)/ds", s)
     t = np.linspace(0.0, 2.0, 81)
@@ -258,8 +266,8 @@ def differences_of_the_source(mechanism, start, duration, torque, step):
 
     This is an independent integration of the equation of motion. With the step D, q_1 = q_0
     + q'_0 D, and by eqs. (30) and (31) q_{i+1} = (D^2 Q - 1/2 dB/dq (q_i - q_{i-1})^2) / B
-    + 2 q_i - q_{i-1}. The inertia B, reduced to the input, is that of the closed forms of
-    the source, in mode p = 1 of its eq. (25).
+    + 2 q_i - q_{i-1}. B is the inertia reduced to the input, by the closed forms of the
+    same paper. The assembly mode is that with p = 1 in its eq. (25).
 
     Parameters
     ----------

@@ -267,10 +267,12 @@ def test_evaluating_one_configuration_uses_the_order_of_its_own_mode():
 def test_each_configuration_gets_an_order_that_is_regular_at_it():
     """Every configuration gets one order of elimination that amplifies errors little.
 
-    Elimination computes an inverse of the closure Jacobian's columns of the passive
-    variables (all but the input). The pseudo-inverse of these columns has the smallest
-    norm. The norm of the inverse by elimination may be larger by the factor
-    `MAX_AMPLIFICATION` at most.
+    The velocity equations are solved for the rates of the passive variables (all but the
+    input). Elimination does so loop by loop. An order says which loops are taken one after
+    another, and which variables each loop yields. The solution is a left inverse of the
+    Jacobian's columns of the passive variables. The pseudo-inverse is the left inverse with
+    the smallest norm. The norm by elimination may be at most `MAX_AMPLIFICATION` times as
+    large.
     """
     motion = PositionAnalysis(sk.load(MIURA), samples=17).motion()
     jacobians = motion.linearisation.jacobian

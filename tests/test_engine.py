@@ -75,16 +75,18 @@ def evaluate_with_numpy(mechanism, motion):
 
 
 def assert_expressions_agree(values, field, inertia, inertia_rate, tolerance):
-    """Assert that quantities by expressions equal those of `evaluate_with_numpy`.
+    """Assert that quantities by symbolic expressions equal those of `evaluate_with_numpy`.
 
-    A pole (axis of relative rotation) and its coefficients may change sign together, so
-    their product is compared. Poles of links that hardly move relative to each other have
-    no direction.
+    A pole is the axis of the relative rotation of two links. Its direction and its
+    coefficients may all have the opposite sign. So the direction times the velocity
+    coefficient is compared. The acceleration coefficient is compared after its sign is
+    matched. Links that hardly move relative to each other have no pole direction.
 
     Parameters
     ----------
     values
-        Quantities of `expression_values`.
+        Quantities of `expression_values`: `B` is the inertia reduced to the input, and
+        `dB_dq` is its derivative by the input.
     field, inertia, inertia_rate
         Results of `evaluate_with_numpy`.
     tolerance
@@ -110,7 +112,8 @@ def assert_expressions_agree(values, field, inertia, inertia_rate, tolerance):
         scale = 1.0 + np.abs(velocity) + np.abs(acceleration)
         assert np.all((gap < allowed * scale)[moves]), pole
     assert np.max(np.abs(values["B"] - inertia) / inertia) < tolerance
-    # The derivative multiplies rounding by the steepest coefficients.
+    # Each term of dB/dq has a factor dw/dq, the derivative of an angular velocity. Where
+    # this factor is large, it multiplies rounding errors.
     assert np.max(np.abs(values["dB_dq"] - inertia_rate) / inertia) < 40 * tolerance
 
 
@@ -286,8 +289,9 @@ CASES = "paper", "stephenson", "rocker", "four_bar", "roller_cam", "planetary_be
 def test_both_engines_find_the_same_motion(case):
     """Simulations by the compiled engine (Taylor series) and by NumPy agree.
 
-    Compared are events, all quantities at 31 times (s), and the balance of energy, which is
-    independent of both. `simulation_case` has the mechanism, start and further arguments.
+    Events and all quantities at 31 times are compared. The balance of energy is a check
+    that needs no other engine: the kinetic energy must grow by the work of the loads.
+    `simulation_case` has the mechanism, start and further arguments.
     """
     mechanism, start, options = simulation_case(case)
     compiled, numpy_result = (
@@ -632,6 +636,7 @@ def test_torque_tables_move_a_crank_exactly_and_share_one_compilation():
         mechanism = replace(four_bar_of_file, masses=masses, loads=(table,))
         result = run(mechanism, Start(0.1, 0.0), 3.0)
         torques = table.at(np.array(node_times))
+        # Angle and rate at each node follow from those at the node before.
         q = 0.1
         rate = 0.0
         for h, torque, next_torque in zip(

@@ -142,10 +142,12 @@ def test_derivatives_of_directions_are_within_bounds_beside_folds(seed):
 
 
 def test_errors_of_orientations_include_how_far_a_rolled_length_turns_a_small_wheel():
-    """An error of a variable, at its bound, turns no link by more than the bound of links.
+    """The bound of orientation errors counts how far a small wheel turns per rolled length.
 
-    A small wheel rolls on a large one. Each variable is changed alone, by 1e-6 rad, and the
-    angles by which links turn are compared with the ratio of the two bounds.
+    A small wheel rolls on a large one. One variable of the mechanism is the arc length by
+    which it has rolled. `configuration_error` bounds the errors of all variables, and
+    `orientation_error` those of link orientations. Each variable is changed alone by 1e-6
+    rad. No link may turn by more than this change times the ratio of the two bounds.
     """
     position_analysis = PositionAnalysis(loads(mechanism_text("small_planet")), samples=3)
     motion = position_analysis.motion()
@@ -157,7 +159,8 @@ def test_errors_of_orientations_include_how_far_a_rolled_length_turns_a_small_wh
         change = position_analysis.given(values).rotations - motion.rotations
         turns = np.linalg.norm(change, axis=(2, 3)) / np.sqrt(2.0) / 1e-6
         largest_turn = np.maximum(largest_turn, np.max(turns, axis=1))
-    # By the cotangents of the half angles of both cones.
+    # Per unit of rolled length, the small wheel turns by the cotangents of the half angles
+    # of both pitch cones, added up. The half angles are 2 and 60 degrees.
     expected = 1.0 / np.tan(np.radians(2.0)) + 1.0 / np.tan(np.radians(60.0))
     assert np.allclose(largest_turn, expected, rtol=1e-4)
     assert np.all(largest_turn <= ratio * (1.0 + 1e-4))

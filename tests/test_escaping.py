@@ -201,8 +201,9 @@ def test_sources_with_hostile_citations_compile(language, harmless, tmp_path):
     """The compiler accepts a source with all hostile citations (`TEXTS`) in its comment.
 
     A hostile citation tries to end the comment, or to hide characters. `harmless` exports a
-    source with a plain citation. Sources with a single hostile citation are compiled in
-    JavaScript only, for which no other test parses them.
+    source with a plain citation, which must compile too. In JavaScript, the sources with a
+    single hostile citation each are run as well. The test that compares the code of such
+    sources only looks at the beginnings of their lines in JavaScript.
     """
     skip_without_compiler(language)
     paths = [
@@ -516,8 +517,9 @@ def test_pages_show_hostile_texts_and_run_none(write_page, browser):
     """A page shows a hostile citation as visible text and executes nothing of it.
 
     `write_page` writes the page of a mechanism with the citation, and `browser` opens it.
-    It must have as many elements as a harmless page, no message in the console, no dialog
-    and no request to the network. The file that it saves must be the original one.
+    The page must have as many elements as a page with a plain citation. It must cause no
+    message in the console, no dialog and no request to the network. The mechanism file that
+    it saves must have the content of the original file.
     """
     events = []
     tab = browser.new_page()

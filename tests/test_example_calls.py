@@ -43,14 +43,22 @@ def run_program(folder, head, body, sources=()):
 
 
 def prototypes_after(text, example):
-    """Return the declarations that a file needs to call an exported C function.
+    """Return the declarations that a C program needs to call an exported function.
 
-    The comment of the exported source says that they are to be copied. The comment ends
-    with the example call. After the end of the comment, ``*/``, follow
+    An exported source contains a comment that ends with an example call. The comment tells
+    the user to copy the declarations below it to the program that calls the function. After
+    the end of the comment, ``*/``, there are
 
     - prototypes such as ``void four_bar(const double motion[], ...);``, up to an empty
       line;
     - the names of results, ``enum { four_bar_theta_32 = 0, ... };``.
+
+    Parameters
+    ----------
+    text
+        Text of the exported source.
+    example
+        The example call, which `example_in` finds in this text.
     """
     # This text begins with the end of the comment.
     after_example = text.partition(example)[2]

@@ -321,11 +321,11 @@ CANCELLING = {
 @pytest.mark.parametrize("name", CANCELLING)
 @pytest.mark.parametrize("key", ["links.2.arc", "links.4.arc", "pairs.41.zero"])
 def test_sizes_of_results_that_are_zero_but_for_rounding_are_idle(name, key):
-    """A size is no argument of exported formulas if results do not depend on it.
+    """A size is idle (without effect) if it changes results by rounding errors only.
 
-    Two torques at one pair cancel for all sizes; their sum is zero but for rounding. Each
-    size is then idle, that is without effect. If a third torque of about a millionth of
-    them is added, the size has an effect and is an argument.
+    Exported formulas must have no idle size as an argument. Two torques at one pair cancel
+    for all sizes. Their sum is zero but for rounding, so each size is idle. If a third
+    torque of about a millionth of them is added, the size is not idle.
     """
     one, other = CANCELLING[name]
     loads = (sk.PairTorque("one", "41", one), sk.PairTorque("other", "41", other))

@@ -496,14 +496,18 @@ def test_wrong_signs_beyond_a_crossing_are_noticed(monkeypatch, capsys, tmp_path
 def test_steps_from_the_starts_of_a_triad_lead_to_its_smooth_modes(tmp_path):
     """Newton's steps from stored configurations lead to the modes of `sk.evaluate`.
 
-    At a crossing two configuration curves meet. With `crossings="pass"` an assembly mode
-    (way to assemble the links) continues along its smooth curve through the crossing.
+    The formulas of a mechanism are exported as source code, here in Python and C. At a
+    crossing two configuration curves meet. With `crossings="pass"` an assembly mode (way to
+    assemble the links) continues along its smooth curve through the crossing.
 
-    Signs do not tell the modes of a triad (a group of four links). Instead the source
-    stores, for each mode and each side of the crossing, the variables at one input (rad).
-    From this start the input is changed to a goal in 200 steps, with four iterations each.
-    The crossing is at the input 0, and goals are on both sides. The source in C is only
-    compiled.
+    The two modes of a dyad (two links) differ by a sign in its closed form. A triad (a
+    group of four links) has no closed form, so the exported code uses Newton's method. As a
+    start it stores the variables at one input (rad), for each mode and each side of the
+    crossing.
+
+    The test changes the input from the start to a goal in 200 steps, each with four
+    iterations. The crossing is at the input 0, and there are goals on both sides. The code
+    in Python is run. The code in C is only compiled.
     """
     mechanism = replace(six_bar_with_a_flat_loop(), name="flat_loop")
     exported_formulas = formulas(mechanism, ["theta_*"], crossings="pass")

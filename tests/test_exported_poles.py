@@ -97,7 +97,7 @@ CASES = {
 class RelativeRotation:
     """How one link rotates relative to another while one input moves.
 
-    Formulas and `sk.evaluate` are compared by it.
+    Tests compare the rotation by exported formulas with the rotation by `sk.evaluate`.
 
     Attributes
     ----------

@@ -240,15 +240,18 @@ def test_the_stereographic_map_keeps_circles(pole):
 
 
 def test_maps_centred_on_a_ground_axis_have_the_other_axes_to_the_right_and_upwards():
-    """A map is not mirrored, and the opposite view of the opposite view is the first one.
+    """A map about a ground axis has the other two ground axes to the right and upwards.
 
-    The centre of the map is a ground axis or its opposite. On an equal-area map, a
-    direction 90 degrees from the centre is at the radius sqrt(2).
+    The centre of the map is a ground axis or its opposite. The positive directions of the
+    other two axes are to the right and upwards, in the order in which the map is not
+    mirrored. On an equal-area map, a direction 90 degrees from the centre is at the radius
+    sqrt(2). The view opposite to the opposite view is the first one.
     """
     ground_axes = np.eye(3)
     for centre_axis in range(3):
         for sign in (1.0, -1.0):
-            # Rows of a frame: the directions to the right, upwards and of the centre.
+            # The rows of a frame are three unit vectors. They are to the right on the map,
+            # upwards on it, and at its centre.
             frame = frame_about(sign * ground_axes[[centre_axis]])
             view = SphereView(frame)
             assert np.linalg.det(frame) == pytest.approx(1.0)  # not mirrored
@@ -914,12 +917,13 @@ def test_pages_of_notebooks_show_plan_mechanism_and_result(four_bar):
     """In notebooks, plans, mechanisms and results are shown as tables in HTML.
 
     `four_bar` is a run of the four-bar; `elements_of` returns the tags and texts of a page.
-    The plan says how the pole (axis of relative rotation) of each two links is found.
+    The plan says how the pole (axis of relative rotation) of each two links is found. Poles
+    that are not axes of pairs are found in passes, from poles that are already known.
     """
     mechanism = sk.load("four_bar")
-    # The table has 4 x 4 links, so each pole is in two cells. x: the 4 axes of pairs. I:
-    # the 2 poles found in the first pass, as intersections of great circles. ■: the
-    # diagonal.
+    # The table has a row and a column for each of 4 links. The pole of links a and b is in
+    # the cells (a, b) and (b, a). x: the 4 axes of pairs. I: the 2 poles found in the first
+    # pass, as intersections of great circles. ■: the diagonal.
     marks = [
         text for tag, text in elements_of(sk.plan(mechanism)._repr_html_()) if tag == "td"
     ]

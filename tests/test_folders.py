@@ -81,8 +81,9 @@ def test_a_run_interrupted_while_it_moves_its_results_can_be_restarted(
 
     A run writes its files into a work folder, `.spherekit-run`. Then it removes the files
     of the older run and moves its own into the folder of results, the summary last. Here
-    the fifth move is interrupted, which ends with exit status 130. The next run must remove
-    what the interrupted run has left. A file of the user stays.
+    the fifth move of the second run is interrupted, which ends with exit status 130. Its
+    table `eksergian.csv` is then in place, but there is no summary. The third run has no
+    such table, and must remove what the second run has left. A file of the user stays.
     """
     out = tmp_path / "out"
     assert main([*RUN, "-o", str(out)]) == 0

@@ -33,12 +33,12 @@ def test_half_tangents_of_a_flat_foldable_vertex_have_constant_ratios():
     """The half tangents of the fold angles of a flat-foldable vertex have constant ratios.
 
     Reference: the closed form for vertices of four creases c1 to c4 in which opposite
-    sectors add up to 180 deg (Kawasaki's condition). Opposite creases have equal
-    magnitudes. The sector angles are s1 (between c1 and c2) and s2 (between c2 and c3). In
-    mode 0 with c1 = c3, tan(c2/2) is -cos((s1 + s2)/2) / cos((s1 - s2)/2) times tan(c1/2).
-    In mode 1 with c1 = -c3 the factor is sin((s1 + s2)/2) / sin((s1 - s2)/2). A mode is
-    named by the crease that folds unlike the others. `fold_angles` returns the angles of a
-    run by crease.
+    sectors add up to 180 deg (Kawasaki's condition). The fold angles of opposite creases
+    have equal magnitudes. The sector angles are s1 (between c1 and c2) and s2 (between c2
+    and c3). In mode 0 with c1 = c3, tan(c2/2) is -cos((s1 + s2)/2) / cos((s1 - s2)/2) times
+    tan(c1/2). In mode 1 with c1 = -c3 the factor is sin((s1 + s2)/2) / sin((s1 - s2)/2). A
+    mode is named by the crease that folds unlike the others. `fold_angles` returns the
+    angles of a run by crease.
     """
     result = sk.run("flat_foldable_vertex", samples=13)
     names = [mode["name"] for mode in result.summary["assembly_modes"]]
@@ -106,7 +106,7 @@ def test_a_positive_fold_angle_is_a_valley_of_a_vertex():
 
 @pytest.fixture(scope="module")
 def miura_fold():
-    """Return the Miura fold at five inputs, and its creases (5, 3) by name.
+    """Return the Miura fold at five inputs, and the directions (5, 3) of creases by name.
 
     The sheet has 3 x 3 facets. The crease hRC, below the facet fRC, points to the right;
     the crease zRC, to the right of the facet, points upwards::

@@ -55,8 +55,8 @@ def evaluate_terms(formula_set, expressions, motion, mode_values, sizes=None):
     expressions
         Expressions of these formulas.
     motion
-        (k, n) inputs of the mechanism; their rates and further variables of time may
-        follow.
+        (k, n) values of the formulas' symbols of motion. These are the inputs of the
+        mechanism, and also rates and time if the formulas depend on them.
     mode_values
         (k, n) or (k, 1) values that select the assembly mode (way to assemble the links):
         signs of its dyads (groups of two links), or the variables of all pairs from which
@@ -71,13 +71,14 @@ def evaluate_terms(formula_set, expressions, motion, mode_values, sizes=None):
     values = np.concatenate(
         [np.broadcast_to(x, (len(x), n)) for x in (motion, mode_values, sizes)]
     )
-    # The symbols of motion, mode values and sizes, in this order like `values`.
+    # The symbols have the order of the rows of `values`: motion, mode values and sizes.
     motion_symbols, mode_symbols, size_symbols = formula_set.variables
     symbols = [*motion_symbols, *mode_symbols, *size_symbols]
-    # Profiles of contacts are tables: functions of the arc length s, stored as series. A
-    # pair variable `table.variable` is the arc length from the point `table.start`. Beyond
-    # the ends of an open profile the functions are NaN. The symbols `table.terms` stand for
-    # the functions.
+    # A table has the functions that describe the profile of a contact, such as coordinates
+    # of its points. They are functions of the arc length s, stored as series on cells with
+    # the bounds `edges`. The formulas contain a symbol for each function (`table.terms`).
+    # They contain a pair variable (`table.variable`), which is 0 at the arc length
+    # `table.start`. Beyond the ends of an open profile the functions are NaN.
     table_columns = []
     for table in formula_set.tables:
         edges = table.series.edges
@@ -246,16 +247,17 @@ def test_arguments_are_numbers_of_the_file(name, keys):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["stephenson", "roller_cam", "planetary_bevel"])
 def test_formulas_have_the_angles_and_coefficients_of_evaluate(name):
-    """Formulas agree with `sk.evaluate`, which places links by another method.
+    """Formulas have the angles and velocity coefficients that `sk.evaluate` computes.
 
-    Velocity coefficients (relative rates per rate of the input) are compared in size,
-    because an axis has two directions.
+    The two place the links by different methods. Velocity coefficients (relative rates per
+    rate of the input) are compared in magnitude, because an axis has two directions.
     """
     formula_set = formulas(name, ["theta_*", "velocity_coefficient_*"])
     links = sk.load(name).links
     for mode in formula_set.modes:
-        # `at` are the inputs of a configuration of the mode. `values` select the mode. They
-        # are signs of its dyads, or pair variables from which Newton's method starts.
+        # `mode.at` has the inputs of a configuration of the mode. `mode.values` tells the
+        # formulas which mode to compute. It has the signs of the mode's dyads, or the pair
+        # variables from which Newton's method starts.
         q = mode.at[0] + np.linspace(-0.05, 0.05, 5)
         evaluated = sk.evaluate(name, q, assembly_mode=mode.number)
         mode_values = np.reshape(mode.values, (-1, 1))

@@ -289,7 +289,8 @@ def test_a_mechanism_built_by_axes_stands_in_its_pose_at_zero():
 def test_gears_built_in_code_turn_by_their_teeth():
     """Bevel wheels of 20 and 40 teeth, built in code, turn at the ratio -1/2.
 
-    The variable coefficient is the rate of the second wheel per rate of the input.
+    The variable coefficient is the rate of the second wheel per rate of the input, the
+    first wheel. It is negative since wheels in external contact turn in opposite senses.
     """
     gears = sk.build(
         "gears",
@@ -354,8 +355,8 @@ def test_a_new_input_has_a_range_of_one_turn():
 def test_a_torque_is_a_number_a_text_or_a_function():
     """A constant torque as a number, a text or a function gives the same motion.
 
-    A load of the mechanism with such a function gives this motion, too. Each motion lasts
-    0.5 s.
+    The same function as the torque of a load of the mechanism gives this motion, too. Each
+    motion lasts 0.5 s.
     """
     start = sk.Start(0.3, 1.0)
 

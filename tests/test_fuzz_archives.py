@@ -154,7 +154,7 @@ BYTE_CHANGES = [
 def time_limit(seconds):
     """Raise AssertionError if the block of `with` takes longer than some seconds.
 
-    Where the system has no SIGALRM, there is no limit.
+    On a system without the signal SIGALRM, such as Windows, there is no limit.
     """
 
     def stop(*_):
@@ -173,7 +173,7 @@ def time_limit(seconds):
 
 
 def check_damaged_archive(path, read, changes, count, seed):
-    """Damage a file many times: it must be read as before or be refused in one sentence.
+    """Damage a file many times: it must be read as before or be refused in one line.
 
     The file is restored at the end.
 
@@ -184,7 +184,8 @@ def check_damaged_archive(path, read, changes, count, seed):
     read
         Function that reads the file and returns content that can be compared.
     changes
-        Functions of a random generator and the bytes, used in turn.
+        Functions, used in turn. Each takes a random generator and the bytes of the file,
+        and returns changed bytes.
     count, seed
         Number of changes, and seed of the generator.
 

@@ -113,9 +113,10 @@ def words_of(comment):
 def test_sources_of_cpp_compile_with_each_name(tmp_path):
     """Exported C++ of mechanisms with troublesome names compiles, all in one file.
 
-    The main program calls the function of each mechanism, so that the compiler leaves out
-    none. The names in `KEPT_NAMES` must not be changed. `renamed_formulas` returns formulas
-    of a mechanism with another name.
+    Troublesome names are, for example, keywords, library functions, or no identifiers at
+    all. The main program calls the function of each mechanism, so that the compiler leaves
+    out none. The names in `KEPT_NAMES` must not be changed. `renamed_formulas` returns
+    formulas of a mechanism with another name.
     """
     texts, calls = [], []
     for safe, name in names_by_identifier(identifiers.CPP_NAME_RULES).items():
@@ -168,9 +169,10 @@ def test_every_function_and_macro_that_the_compiler_knows_is_renamed(tmp_path):
 def test_modules_of_javascript_run_with_each_name(tmp_path):
     """JavaScript modules of mechanisms with troublesome names give the right angle.
 
-    The interpreter lists its own global names; no exported function may have one of them.
-    `renamed_formulas` returns formulas of a mechanism with another name, and
-    `expected_angle` the angle by spherekit.
+    Troublesome names are, for example, keywords, or no identifiers at all. The exporter
+    must also refuse each global name of JavaScript as the name of a function. Node, the
+    interpreter, lists these global names. `renamed_formulas` returns formulas of a
+    mechanism with another name. `expected_angle` returns the angle by `sk.evaluate`.
     """
     list_globals = (
         "const {runInNewContext} = require('vm');"

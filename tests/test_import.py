@@ -77,6 +77,9 @@ def place_links(mechanism, q):
 def with_closed_configuration(mechanism):
     """Return a mechanism with inputs, and the joint angles (variables,) of a configuration.
 
+    A mechanism without declared inputs gets its first R pair as input. The test exports the
+    mechanism in this configuration and imports it again.
+
     The configuration is the reference pose if there is one. Otherwise Newton's method finds
     configurations from 60 random starts, and the one farthest from a singularity is
     returned.
@@ -242,13 +245,14 @@ def test_joints_at_a_constant_ratio_are_gears(ratio, tmp_path):
 
     MJCF is MuJoCo's format. The equality says two = ratio one + bent one^2 for the angles
     of the joints one and two. Only if the coefficient bent is 0, as here, is the ratio
-    constant. Joint two must then turn at the ratio times the rate of joint one, with its
-    sign. The sines of the radii of bevel wheels are in the inverse ratio of the rates.
+    constant. The rate of joint two must then be the ratio, which can be negative, times the
+    rate of joint one. The sines of the radii of bevel wheels are in the inverse ratio of
+    the sizes of the rates.
     """
     text = GEARS.format(axis="0 0.6 0.8", ratio=ratio, bent=0)
     mechanism = sk.import_mechanism(write_model(tmp_path, text)).mechanism
     (contact,) = [pair for pair in mechanism.pairs if pair.type == "Cr"]
-    # The rate of joint two needs no pole axes.
+    # Only the rate of joint two is compared, so no pole axes are asked for.
     evaluation = sk.evaluate(mechanism, 0.3, poles=[], assembly_mode=0)
     rate = evaluation.variable_coefficient("two")
     assert rate == pytest.approx(ratio, abs=1e-12)
@@ -323,9 +327,10 @@ def test_the_command_imports_a_serial_wrist(tmp_path, capsys):
 def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
     """Each way in which robot descriptions (URDF) close a loop leads to the same five-bar.
 
-    `loop` is the name of an extension of URDF; its element joins the tips of two chains.
-    The sense of the axis "tip" may differ. The link "left" has the mass 0.2 kg with its
-    centre at 0.05 m along y and 0.02 m along z, and moments of 1e-4 kg m2 about the centre.
+    A URDF can only describe a tree of links. Extensions of URDF have elements that join the
+    tips of two chains. `loop` is the key of such elements in `LOOPS`. The axis of the pair
+    "tip" may have either sense. The link "left" has the mass 0.2 kg with its centre at 0.05
+    m along y and 0.02 m along z, and moments of 1e-4 kg m2 about its centre.
     """
     path = write_model(tmp_path, wrist_model(LOOPS[loop]), "wrist.urdf")
     result = sk.import_mechanism(path)
@@ -336,7 +341,8 @@ def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
     assert {pair.name for pair in mechanism.pairs} == pairs
     assert np.abs(mechanism.geometry.axes["tip"]) == pytest.approx([0.0, 0.0, 1.0])
     distance_square = 0.05**2 + 0.02**2
-    # The parallel axis theorem about the centre of the sphere.
+    # Tensors of a mechanism are about the centre of the sphere, where all axes meet. The
+    # parallel axis theorem takes the moment about x to this centre.
     first_row = (1e-4 + 0.2 * distance_square, 0.0, 0.0)
     assert mechanism.masses[0].tensor[0] == pytest.approx(first_row)
     assert loads(result.text).pairs == mechanism.pairs

@@ -82,8 +82,10 @@ class RegularSolutions:
 def regular(solver):
     """Return the solutions of inverse kinematics at 60 poses that are not near singular.
 
-    Solutions in all working modes are taken. A working mode is a choice of one of two ways
-    to bend each leg (chain from an input to the output). `solver` has the mechanism.
+    Tests check the angles, rates and measures of these solutions. A pose is a direction or
+    an orientation of the output. Solutions in all working modes are taken. A working mode
+    is a choice of one of two ways to bend each leg (chain from an input to the output).
+    `solver` has the mechanism.
 
     At a singularity of type I an input turns without moving the output; at type II the
     output can move although the inputs are locked. A measure of 0 to 1 says how far a
@@ -330,11 +332,13 @@ def test_a_file_of_poses_may_be_empty(tmp_path):
 
 
 def test_written_tables_are_read_again(tmp_path):
-    """Tables that the analysis has written, in Parquet or CSV, can be read as its poses.
+    """The poses in a written table, Parquet or CSV, can be the poses of another analysis.
 
-    The angles have the right units: the unit is in the Parquet file, in `columns.csv`
-    beside the CSV, or in the heading of the CSV. The inputs must be those of the first
-    analysis. The working mode "+-" has a sign for each leg, which can be bent in two ways.
+    The first analysis `inverse_kinematics` computes inputs at the poses of a window of
+    directions, and writes both to a table. The second one reads the poses from this file,
+    and must find the same inputs. For this it must know the unit of the angles. The unit is
+    in the Parquet file, in `columns.csv` beside the CSV, or in the heading of the CSV. The
+    working mode "+-" has a sign for each leg, which can be bent in two ways.
     """
     result, _ = found_in(
         "five_bar", window="azimuth:10:50:3+tilt:60:70:2", working_mode="+-"
@@ -393,13 +397,14 @@ def test_forward_of_one_freedom():
 
 
 def test_rows_out_of_reach_offer_the_nearest_pose():
-    """A direction out of reach has no inputs, but the nearest direction that is in reach.
+    """The row of a direction out of reach states the nearest direction that is in reach.
 
+    Columns of inputs are empty in this row. So are `rate_x_21`, the rate of input 21 while
+    the output turns about x, and `type_2`, a measure that is 0 at a singularity of type II.
     The margin is the angle (rad) that is left until a leg is stretched or folded; here it
     is negative. The column `limiting` names this limit by the two end axes of the leg and
-    the angle between them, as in "axes 54/61 at most 80 deg". `rate_x_21` is the rate
-    of input 21 while the output turns about x. `away` is the angle (rad) from the wanted
-    direction to the nearest one.
+    the angle between them, as in "axes 54/61 at most 80 deg". `away` is the angle (rad)
+    from the wanted direction to the nearest one.
     """
     mechanism = sk.load("five_bar")
     directions = ["x=0+y=0+z=-1", "x=1+y=0+z=0", "x=0.3+y=1+z=0.2"]

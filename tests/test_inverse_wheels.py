@@ -250,10 +250,13 @@ def test_workspace_limits_at_the_pair_of_a_wheel_are_refused():
 
 
 def test_general_inverse_kinematics_have_both_solutions_of_a_pinion_on_a_large_wheel():
-    """A pinion with 20 teeth turns the yoke with 400 teeth; it points to longitude 150 deg.
+    """Inverse kinematics of a geared pan-tilt has two solutions for the pan motor.
 
-    The yoke turns to this longitude, or to the opposite one with the tilt beyond the pole.
-    The pinion turns back by 20 times the angle of the yoke.
+    The output has to point to the longitude 150 deg. The yoke turns to this longitude, or
+    to the opposite one, -30 deg. Then the tilt carries the output over the pole (axis of
+    the yoke) to the wanted side. A pinion with 20 teeth drives the yoke, which has 400
+    teeth. So the pinion turns by -20 times the angle of the yoke. The `general` inverse
+    kinematics is the one that `graph=True` selects.
     """
     mechanism = geared_gimbal(has_roll=False, pan_teeth=(20, 400))
     general = output_kinematics(mechanism, graph=True)

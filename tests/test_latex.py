@@ -159,10 +159,11 @@ def multiply_or_dot(a, b):
 def evaluate_document(text, given):
     """Return the values of all symbols of a LaTeX document, by symbol, in 40 digits.
 
-    The document prints values of some symbols, and formulas for the others. `given` has the
-    values that are not printed: inputs, their rates, time, and the signs that select an
-    assembly mode. A formula that is a column vector has one entry per row, and each entry
-    is evaluated by itself.
+    Tests compare these values with independent ones, to check the printed formulas. The
+    document prints values of some symbols, and formulas for the others. The formulas are
+    evaluated in the order of the document. `given` has the values that are not printed:
+    inputs, their rates, time, and the signs that select an assembly mode. A formula that is
+    a column vector has one entry per row, and each entry is evaluated by itself.
     """
     with mpmath.workdps(40):
         values = {**printed_values(text), **given}

@@ -173,9 +173,11 @@ sk.run(
 def test_a_killed_run_is_resumed_bit_for_bit(tmp_path):
     """A run that was killed twice (SIGKILL) ends with the files of one whole run.
 
-    After each kill, files are put where the next block (part of the samples) writes. They
-    are not in the journal, the record of what is complete, so they are overwritten.
-    `contents` returns the bytes of all files of a folder.
+    The program `KILLED` computes a run in blocks (parts of the samples), and kills itself
+    after a stated number of samples. The journal is the record of what is complete. After
+    each kill, the test puts files where the next block writes. The journal does not name
+    these files, so the resumed run must overwrite them. `contents` returns the bytes of all
+    files of a folder.
     """
     folder = tmp_path / "killed"
     for done in (20, 40):
@@ -401,6 +403,15 @@ def test_other_rates_at_the_same_times_are_named(tmp_path):
 
 @pytest.mark.parametrize("figures", [{10: 1, 2: 3}, {1: 2, "b": 3}])
 def test_findings_with_numbers_as_keys_are_resumed(figures, tmp_path):
+    """A run can be resumed if its findings are a dictionary with numbers as keys.
+
+    Findings are results besides the tables. An interrupted run stores them as JSON, which
+    turns the keys into text. The findings of the next block have numbers as keys, and must
+    still count as equal to the stored ones. `figures` is the dictionary. Checksums of a run
+    sort the keys. As text, the keys 10 and 2 have another order than as numbers, and 1 and
+    "b" can be sorted only as text.
+    """
+
     @dataclass(frozen=True, kw_only=True)
     class Numbered(MinimalAnalysis):
         """Analysis for tests with numbers as keys of its findings."""

@@ -37,9 +37,11 @@ def restoring_torque(angle):
 def test_a_simulation_from_an_input_many_turns_away_runs_alike(four_bar, engine, turns):
     """A simulation that starts many whole turns away has the same motion.
 
-    The start and the torque are shifted by the same number of turns. `restoring_torque` is
-    proportional to the distance of the input from an angle, so it is sensitive to turns.
-    Only the last digits of the angle may change.
+    The start is shifted by some whole turns. The torque, `restoring_torque`, is
+    proportional to the distance of the input from an angle. Without a shift of this angle,
+    whole turns would change the torque. So the angle is shifted by the same turns. The
+    shifted motion may differ from the reference only by rounding of the large angles and by
+    the tolerance of integration.
     """
     shift = turns * TURN
     settings = {"engine": engine, "tolerance": 1e-9}

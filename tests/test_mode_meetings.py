@@ -61,13 +61,17 @@ def find_proven_saddles(proven):
 
 
 def find_contradictions(text, low, high):
-    """Compare the inputs at which a run says that modes meet with a proof.
+    """Compare the inputs at which a run says that modes meet with those of a proof.
 
-    A mode is a way to assemble the links. `certify_curves` proves by interval arithmetic.
-    It encloses all saddles and turning points (dead centres) of the configuration curves.
-    At a saddle two curves cross, or pass each other at a tiny distance. The run must name
-    the inputs of all saddles at which curves cross. It computes in float64, in which both
-    cases may look alike, so it may also name the input of another saddle.
+    A mode is a way to assemble the links. A run is a position analysis, which computes in
+    float64 and names the inputs at which modes meet (`mode_meetings`). `certify_curves`
+    proves by interval arithmetic where all saddles and turning points (dead centres) of the
+    configuration curves are. At a saddle two curves cross, or pass each other at a tiny
+    distance.
+
+    The run must name the inputs of all saddles at which curves cross. In float64 a tiny
+    distance may look like a crossing. So the run may also name the inputs of saddles at
+    which the curves do not cross.
 
     Parameters
     ----------
@@ -354,10 +358,14 @@ def test_followed_curve_agrees_with_the_smooth_mode():
 def test_two_dyads_change_their_signs_together():
     """Each of four smooth modes changes both of its dyad signs at the flat state.
 
-    Two flat-foldable vertices have two dyads, each of which can be assembled in two ways
-    (signs). A smooth mode follows its curve through the flat state, where curves cross. Its
-    successor is the mode with the signs that it has after the crossing. The fold angles
-    keep the ratios of the tangents of their halves (Huffman 1976).
+    The linkage of two flat-foldable vertices has two dyads. Each dyad can be assembled in
+    two ways, and its sign selects one of them. Both signs are the label of a mode, such as
+    "+-". Four curves of configurations cross at the flat state. With `crossings="pass"` a
+    smooth mode stays on its curve there. `successors` maps the number of the mode before
+    the crossing to the number of the mode after it on the same curve.
+
+    Along each curve, the tangents of half the fold angles have constant ratios (Huffman
+    1976).
     """
     position_analysis = PositionAnalysis(two_vertices(), samples=10, crossings="pass")
     (meeting,) = position_analysis.mode_meetings
@@ -479,13 +487,14 @@ def test_evaluate_follows_smooth_curves():
     """With `crossings="pass"`, `evaluate` follows the smooth curve through a flat state.
 
     The mechanism is a paper vertex of four creases, a four-bar. In its flat state, at the
-    input 0, two smooth curves of configurations cross. On each of them, the configurations
-    at -0.3 and 0.3 rad mirror each other. So velocity coefficients (rates per rate of the
-    input) have equal sizes there.
+    input 0, two smooth curves of configurations cross. On each of the curves, the
+    configurations at -0.3 and 0.3 rad are mirror images of each other. So a velocity
+    coefficient (rate per rate of the input) has the same size at both inputs.
 
     By default, a mode is one way to assemble the dyad of the four-bar (its two links that
-    are not the ground or the crank). This mode changes to the other curve in the flat
-    state, where the coefficient differs by more than 0.1.
+    are not the ground or the crank). On its way through the flat state, this mode leaves
+    one curve and goes on along the other. So its coefficients at -0.3 and 0.3 rad belong to
+    different curves, and their sizes differ by more than 0.1.
     """
     path = str(FILES / "flatfold_through.toml")
 

@@ -246,11 +246,11 @@ def test_a_run_writes_every_configuration_of_a_sample_once(
     ],
 )
 def test_many_inputs_at_once_have_the_configurations_of_each_alone(name, count, seed):
-    """`evaluate` of many random inputs finds for each the same rotations as for it alone.
+    """`evaluate` finds the same rotations for many samples at once as for each one alone.
 
-    `count` inputs are drawn within plus and minus 150 degrees. No configuration may occur
-    twice at one sample (`count_repeats`). The sentence on the search of modes names the
-    number of samples.
+    A sample is a set of random values of all inputs, within plus and minus 150 degrees.
+    There are `count` samples. No configuration may occur twice at one sample
+    (`count_repeats`). The text `search` of the result names the number of samples.
     """
     mechanism = with_symmetric_ranges(name)
     low, high = np.array([(item.start, item.stop) for item in mechanism.inputs]).T
@@ -870,7 +870,8 @@ def test_without_a_search_only_the_reference_mode_is_claimed(degrees, is_reached
 def test_evaluate_numbers_the_modes_of_a_path_as_a_trace_does(name, degrees):
     """`evaluate` and a trace give equal configurations of a path the same mode numbers.
 
-    `degrees` has the inputs (deg) of each sample of the path.
+    A trace is the motion that `PositionAnalysis` computes along the path. `degrees` has the
+    inputs (deg) of each sample of the path.
     """
     mechanism = sk.load(name)
     path = np.radians(np.array(degrees, dtype=float))
@@ -886,7 +887,7 @@ def test_evaluate_numbers_the_modes_of_a_path_as_a_trace_does(name, degrees):
 
     traced = mode_numbers(PositionAnalysis(mechanism, path=path).motion())
     evaluated = mode_numbers(sk.evaluate(mechanism, path)._motion)
-    assert len(traced) > len(path)
+    assert len(traced) > len(path)  # so there are several modes
     assert traced == evaluated
 
 

@@ -206,7 +206,16 @@ def simulate_without_loads(made, start, duration, samples=9, **options):
 def test_the_least_transmission_angle_of_a_simulation_is_one_that_it_passes(
     start_deg, rate, duration, file_range
 ):
-    """The angle of coupler and rocker at all inputs between the rows, from closed form."""
+    """A simulation reports the least transmission angle at the inputs that it passes.
+
+    The transmission angle of this four-bar is the acute angle between coupler and rocker.
+    The simulation starts at the input `start_deg` with `rate` (rad/s) and lasts `duration`
+    (s). The angle may be least between two rows of the table. So a closed form computes it
+    at many inputs between the lowest and the highest one of the rows.
+
+    `file_range` (deg) is the range of the input in the file. It must not matter, because
+    the simulation does not stop at its ends.
+    """
     turned = Input("21", *np.radians(file_range))
     made = replace(sk.load("four_bar"), inputs=(turned,))
     start = {"q": np.radians(start_deg), "dq": rate}
@@ -218,7 +227,7 @@ def test_the_least_transmission_angle_of_a_simulation_is_one_that_it_passes(
     cosine = (diagonal_cosine - np.cos(coupler) * np.cos(rocker)) / (
         np.sin(coupler) * np.sin(rocker)
     )
-    # The acute angle.
+    # The absolute value gives the acute one of the two angles.
     angles = np.degrees(np.arccos(np.abs(cosine)))
     place = np.degrees(passed[np.argmin(angles)])
     remarks = "\n".join(result.summary["remarks"])

@@ -215,10 +215,11 @@ def test_numbers_in_the_table_are_those_of_python(opened, name, tmp_path):
     """The numbers in the table of a page are those that Python computes, to 1e-12.
 
     The table has the numbers at the current inputs. A link that an input drives is drawn
-    with a knob. Before the numbers are read, the knobs of all inputs and the last slider of
-    a size, if there is one, are dragged by some pixels. Python computes the numbers for the
-    mechanism that the page saves. Each number of the table has to be that of some assembly
-    mode (way to assemble the links). `opened` opens the page in a browser.
+    with a knob. A page may have sliders that change sizes of the mechanism. Before the
+    numbers are read, the knobs of all inputs are dragged by some pixels, and so is the last
+    slider, if there is one. Then the page saves its mechanism, and Python computes the
+    numbers for it. Each number of the table has to be that of some assembly mode (way to
+    assemble the links). `opened` opens the page in a browser.
     """
     tab = opened(name)
     q_at_first = tab.evaluate("spherekit.state.q")

@@ -134,8 +134,8 @@ def compare_page(tab, mechanism, crossings="pass", seed=0):
 def test_modes_of_a_page_are_those_of_evaluate(open_page, name):
     """Modes on a web page follow the smooth curves of `sk.evaluate` through a crossing.
 
-    At a crossing two curves of configurations cross, so that two assembly modes (ways to
-    assemble the links) meet. A sentence on the page names the input of the crossing.
+    Each assembly mode (way to assemble the links) is a curve of configurations. At a
+    crossing the curves of two modes cross. A sentence on the page names its input.
     `compare_page` compares angles and returns the number of compared configurations.
     """
     mechanism = load_case(name)
@@ -248,15 +248,22 @@ def test_a_knob_is_dragged_through_a_crossing(open_page):
 def test_a_curve_that_needs_two_turns_goes_on_in_the_other_mode(open_page):
     """On a curve that closes after two turns, dragging leads into the other mode.
 
-    The knob of the mechanism "cp2" is dragged from 6.25 rad over 2 pi, first in mode 0. The
-    page then shows mode 1. The same in mode 1 leads back to mode 0. Setting the input back
-    to 6.25 rad, without dragging, does not change the mode.
+    "cp2" is a four-bar whose crank, the input, can turn fully. It has two modes. At the
+    input pi two smooth curves of configurations cross, and on the page each mode follows
+    its own curve through the crossing. After one turn of the crank a mode is where the
+    other mode began. So the smooth curve closes after two turns.
+
+    A page shows inputs from 0 to 2 pi. The knob, which moves the input, is dragged from
+    6.25 rad past 2 pi to about 0.05 rad. In mode 0 this leads into mode 1, and in mode 1 it
+    leads back into mode 0. Between both drags the input is set back to 6.25 rad without
+    dragging, which does not change the mode.
     """
     tab = open_page(load_case("cp2"), "q=6.25")
     for mode in (0, 1):
         assert tab.evaluate("spherekit.state.mode") == mode
         place = tab.evaluate("spherekit.knobPlace(0)")
-        # Where the knob is drawn at 0.05 rad, beyond 2 pi. The input is set there and back.
+        # Where the page draws the knob at the input 0.05 rad, the goal of the drag. To find
+        # it, the input is set to 0.05 rad and then set back.
         place_ahead = tab.evaluate(
             """async () => {
               const now = spherekit.state.q;

@@ -507,9 +507,10 @@ COUNT_COLOURS_OF_TRANSMISSION_PLOT = """(() => {
 def test_equal_curves_are_dashed_in_two_colours(open_page):
     """Two equal curves on a page are both seen: the second one is dashed over the first.
 
-    Both modes of the four-bar (ways to assemble the links) have one transmission angle.
-    Velocity coefficients differ, so that both of their curves are solid. The pixels of the
-    plot are counted by colour. `open_page` opens the page in a browser.
+    Both modes of the four-bar (ways to assemble the links) have the same transmission
+    angle, so its two curves are equal. The velocity coefficients of the modes differ, so
+    that both of their curves are solid. The pixels of the plot of the transmission angle
+    are counted by colour. `open_page` opens the page in a browser.
     """
     tab = open_page("four_bar", vary=[], quantities=["transmission_angle_*", "velocity_*"])
     # Series 0 of a plot has the inputs, each further series has the curve of one mode. An
@@ -536,8 +537,8 @@ def test_a_dashed_curve_lies_on_a_solid_one_everywhere(open_page):
 
     A mode is a way to assemble the links. At each input the nearest solid curve must be
     within a hundredth of the height of the figure, since a difference that nobody sees does
-    not count. Mode 4 of this eight-bar closes in a part of the range only, on curves of
-    other modes.
+    not count. Mode 4 of this eight-bar exists in a part of the range of the input only. Its
+    curves coincide there with curves of other modes.
     """
     # With `vary=[]` the page has no sliders for sizes, so the sizes are those of the file.
     tab = open_page("eight_bar_05", "mode=4", vary=[])

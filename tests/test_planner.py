@@ -37,15 +37,20 @@ def test_steps_of_a_plan_are_those_of_the_lecture_table():
 def test_a_plan_for_one_pole_has_only_its_ancestors():
     """A plan for one pole has only the steps that this pole needs.
 
-    A pole is the axis of the relative rotation of two links. A step of the kind `LinePole`
-    intersects great circles (Aronhold-Kennedy). Let i, j and k be three links. Their three
-    poles, ij, ik and jk, are on one great circle. So each third link k gives a great circle
-    on which the pole ij is. `via` are the third links of a step, and `sources` the poles
-    that its great circles go through. These poles must be known from earlier steps. Except
-    for the pole that is asked for, the result must be a source of another step. This is
-    checked for each pole of each eight-bar.
+    A pole is the axis of the relative rotation of two links. The ancestors of a pole are
+    the poles from which it is computed, directly or over other poles. A step of the kind
+    `LinePole` intersects great circles (Aronhold-Kennedy). Let i, j and k be three links.
+    Their three poles, ij, ik and jk, are on one great circle. So each third link k gives a
+    great circle on which the pole ij is. `via` are the third links of a step. `sources` are
+    the poles that its great circles go through.
+
+    Two things are checked for each pole of each eight-bar. The sources of a step must be
+    known from earlier steps. The pole that an intersection gives must be a source of
+    another step, unless it is the pole that is asked for.
     """
-    # Links count from 0 in plans, so pole 5/2 is (1, 4).
+    # Links count from 0 in plans, so pole 5/2 is (1, 4). It follows from the third links 0
+    # and 2, so it needs (0, 4). This pole follows from the third links 2 and 5, so it needs
+    # (0, 2). All their other sources are axes of pairs.
     planned = sk.plan(sk.load("stephenson"), ["5/2"])
     intersections = [step.pole for step in planned.steps if isinstance(step, LinePole)]
     assert intersections == [(0, 2), (0, 4), (1, 4)]
@@ -56,7 +61,7 @@ def test_a_plan_for_one_pole_has_only_its_ancestors():
         mechanism = mechanism_from_chain(chain, axes)
         for pole in all_poles(8):
             available = set()  # poles of the steps before
-            used = {pole}  # the pole that is asked for, and those that steps start from
+            used = {pole}  # the pole that is asked for, and the sources of all steps
             intersected = set()  # poles of steps of the kind `LinePole`
             for step in plan(mechanism, [pole]).steps:
                 if isinstance(step, LinePole):

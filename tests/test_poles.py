@@ -165,10 +165,16 @@ def test_links_that_rest_for_a_moment_are_known_as_well_as_others():
 
 
 def test_a_first_direction_has_the_side_of_the_axes_whichever_poles_come_before_it():
-    """The sum of all axes at the first sample decides, if another pole begins later, too.
+    """The sum of all axes at the first sample decides the sign of each pole direction.
 
-    The second direction is constant. It is on the side of the sum of the axes at the first
-    sample, but not at the second one. The first pole is not known at the first sample.
+    A pole is the axis of the relative rotation of two links. Its direction is known up to
+    its sign. Where a pole is first known, `continue_signs` turns its direction to the side
+    of the sum of all pair axes. This is always the sum at the first sample, even if some
+    pole is not known before a later sample.
+
+    Here the first pole is known at the second sample only. The direction of the second pole
+    is constant. Its scalar product with the sum of the axes is positive at the first
+    sample, and negative at the second. So the sign of the second pole must be 1.
     """
     motion = sk.trace("watt", samples=4).rows(slice(2))
     axis_sums = [np.sum(motion.rows([k]).frames[0, :, :, 2], axis=0) for k in range(2)]
@@ -176,14 +182,22 @@ def test_a_first_direction_has_the_side_of_the_axes_whichever_poles_come_before_
     difference = first_sum - second_sum
     directions = np.empty((3, 2, 2))  # components, poles, rows
     directions[...] = (difference / np.linalg.norm(difference))[:, None, None]
-    directions[:, 0, 0] = np.nan
-    rows = ComparedRows(np.arange(2), may_reverse=np.ones(1, dtype=bool))
+    directions[:, 0, 0] = np.nan  # the first pole at the first sample
+
+    def evaluate_poles(_rows):
+        """Return directions, relative angular velocities, and their derivatives (zero).
+
+        The velocities are set equal to the directions.
+        """
+        return directions, directions, np.zeros_like(directions)
+
+    # Two poles, each named by the indices of its two links.
+    poles = [(0, 4), (3, 5)]
+    # Both rows belong to the mode with the index 0. A direction may reverse between them.
+    mode = 0
+    compared_rows = ComparedRows(np.arange(2), may_reverse=np.ones(1, dtype=bool))
     find_signs = continue_signs(
-        motion,
-        [(0, 4), (3, 5)],
-        {0: rows},
-        lambda _: (directions, directions, np.zeros_like(directions)),
-        SignContinuation(),
+        motion, poles, {mode: compared_rows}, evaluate_poles, SignContinuation()
     )
-    signs = find_signs(directions, np.arange(2), 0)
+    signs = find_signs(directions, np.arange(2), mode)
     assert np.array_equal(signs[1], [1, 1])

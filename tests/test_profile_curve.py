@@ -109,10 +109,11 @@ def test_a_circle_is_its_fourier_series_and_both_begin_on_the_same_side():
 def test_frames_obey_their_equations_in_arc_length(curve):
     """Frames of a curve obey Frenet's equations on the sphere.
 
-    They are t' = k n - p, n' = -k t, p' = t. The columns of a frame are the tangent t, the
-    normal n in the sphere and the point p; k is the geodesic curvature. The right sides and
-    k' are integrated by Gauss quadrature, with ten nodes in each of about 400 short spans.
-    The integrals have to be the changes of t, n, p and k over the spans.
+    They are t' = k n - p, n' = -k t, p' = t, with derivatives by the arc length. The
+    columns of a frame are the tangent t, the normal n in the sphere and the point p. k is
+    the geodesic curvature. The curve is divided into about 400 short spans. In each span
+    the three right-hand sides and k' are integrated by Gauss quadrature with ten nodes. The
+    integrals have to be the changes of t, n, p and k over the span.
     """
     nodes, weights = leggauss(10)
     span_ends = np.union1d(np.linspace(0.0, 1.0, 401) * curve.length, curve.edges)

@@ -93,9 +93,9 @@ def test_eight_bars_driven_at_any_pair_have_a_construction_with_three_unknowns()
     """A construction with three unknown angles exists for every driven pair.
 
     A construction places all links one after another, as functions of the input and of some
-    unknown angles, with as many equations. The degrees of the equations bound the number of
-    assembly modes (`mode_bound`). The bounds of these mechanisms are 8, 16, 24 or 32. Six
-    of the sixteen shipped eight-bars are tested.
+    unknown angles. It has as many equations as unknown angles. The degrees of these
+    equations bound the number of assembly modes (`mode_bound`). The bounds of these
+    mechanisms are 8, 16, 24 or 32. Six of the sixteen shipped eight-bars are tested.
     """
     for number in (1, 2, 4, 7, 10, 15):
         mechanism = sk.load(f"eight_bar_{number:02d}")
@@ -239,7 +239,10 @@ def test_the_checker_refuses_a_hundred_tampered_certificates():
 
 
 def stretched(coupler):
-    """A four-bar whose crank at 0 leaves 40 degrees to a follower of 30 and a coupler."""
+    """Return a four-bar with a follower of 30 deg and a coupler of the given arc (deg).
+
+    At the input 0 the tip of its crank is 40 deg from the axis of the follower.
+    """
     text = read_decimals(sk.load("four_bar")).document.text
     text = text.replace("arcs = [40.0]", "arcs = [30.0]")
     return decimal_mechanism(text.replace("arcs = [70.0]", f"arcs = [{coupler}]"))
@@ -251,12 +254,12 @@ def stretched(coupler):
 def test_modes_however_close_are_told_apart_and_a_double_one_is_never_certified(digits):
     """Near a double mode, two or no modes are certified; the double one itself is not.
 
-    A mode is a way to assemble the links. At the input 0 of this four-bar, a follower of 30
-    deg and a coupler have to reach over 40 deg. If the coupler has 10 deg, they are
-    stretched, and both modes coincide. `digits` is the number of decimal digits after which
-    the coupler differs from 10 deg. If it is too short, there is no mode. If it is longer,
-    the angle between both modes is of the order of the square root of the difference.
-    `stretched` returns the four-bar with this coupler.
+    A mode is a way to assemble the links. `stretched` returns a four-bar with a given
+    coupler. At its input 0 the tip of the crank is 40 deg from the axis of the follower.
+    The follower has 30 deg. A coupler of 10 deg is in line with it, so both modes coincide.
+    A coupler of 10 - 10^-digits deg is too short, so there is no mode. A coupler of
+    10 + 10^-(digits + 1) deg has two modes. The angle between these modes is of the order
+    of the square root of the excess over 10 deg.
     """
     too_short = certify_modes(stretched("9." + "9" * digits), ("0",))
     assert too_short.is_complete and not too_short.real
@@ -264,8 +267,8 @@ def test_modes_however_close_are_told_apart_and_a_double_one_is_never_certified(
     assert longer.is_complete and len(longer.real) == 2
     # An independent checker accepts the certificate, as read from its file.
     check(recorded(modes_certificate(longer)))
-    # Chords between the angles of both modes. They are a number times the square root of
-    # the difference of the coupler. For this four-bar the number is below 30.
+    # The chord between the angles of both modes is at most a factor times the square root
+    # of 10^-digits. A factor of 30 is large enough for this four-bar.
     first_mode, second_mode = longer.angles()
     half_angles = [
         0.5 * (a.mid() - b.mid()) for a, b in zip(first_mode, second_mode, strict=True)

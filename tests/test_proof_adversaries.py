@@ -147,10 +147,12 @@ JOINTS = {"a": "12", "b": "14", "c": "16", "d": "23", "e": "25", "f": "34", "h":
 
 
 def two_dyads(ground, crank, turn, coupler, rocker):
-    """Return a six-bar of two four-bars side by side on one crank; sizes in degrees.
+    """Return a six-bar of two four-bars with a common crank; sizes in degrees.
 
-    The first has the arcs 60, 50, 40 and 35; the arguments are those of the second, whose
-    crank is at the angle `turn` from the first's.
+    Coupler and rocker of each four-bar are a dyad (two links joined by a pair). The first
+    four-bar has the arcs 60 (ground), 50 (crank), 40 (coupler) and 35 (rocker). The
+    arguments are the arcs of the second one. On the crank, the angle from the arm of the
+    first four-bar to that of the second is `turn`. On the ground, it is 140 degrees.
     """
     sizes = {"coupler": coupler, "rocker": rocker}
     text = TWO_DYADS.format(ground=ground, crank=crank, turn=turn, **sizes)
@@ -163,7 +165,7 @@ STRETCHED_INPUT = np.arccos(
     (np.cos(np.radians(75.0)) - np.cos(np.radians(60.0)) * np.cos(np.radians(50.0)))
     / (np.sin(np.radians(60.0)) * np.sin(np.radians(50.0)))
 )
-"""The input at which the first dyad, of 40 and 35 degrees, is in line."""
+"""The input (rad) at which the links of the first dyad, 40 and 35 degrees, are in line."""
 
 
 def test_dead_centres_at_one_input_in_different_modes_are_each_certified():
@@ -180,19 +182,25 @@ def test_dead_centres_at_one_input_in_different_modes_are_each_certified():
 
 @pytest.mark.slow
 def test_two_equal_dyads_stretched_at_one_input_leave_a_small_range_undecided():
-    """Two equal dyads are stretched at one input, and a range about it stays undecided.
+    """A small range about an input at which two equal dyads are stretched is undecided.
 
-    A dyad is two links joined by a pair. The second four-bar is the first one turned by 140
-    degrees about the crank's axis, so both dyads are stretched at the same input. Each dyad
-    closes in two ways before this input and in none after it. So there are 4 modes (ways to
-    assemble the links) before it, and their configuration curves cross there.
+    The mechanism is two four-bars with a common crank. Coupler and rocker of each four-bar
+    are a dyad (two links joined by a pair). Both four-bars have the same arcs. The second
+    one is turned by 140 degrees about the axis of the crank. So both dyads are stretched at
+    the same input. Each dyad closes in two ways below this input, and in none above it. So
+    there are 2 * 2 modes (ways to assemble the links) below it. At this input all modes
+    meet, and their configuration curves cross.
 
-    A saddle is a place where curves cross, or nearly so. The proof finds one here. It
-    bounds the distance (rad) at which the curves may miss each other by `gap`, which is
-    nearly zero. But it proves a crossing only where all axes of a loop of four pairs are in
-    one plane, which is not so here. So it leaves open whether the curves cross
-    (`level_sign` is None). The result is complete except for a range of the input below
-    1e-4 rad (`completeness.box`).
+    The proof finds the place, but it does not prove the crossing:
+
+    - It finds one saddle, a place where two curves cross or nearly so.
+    - `gap` is an upper bound of the distance (rad) at which the curves may miss each other.
+      It is nearly zero.
+    - `level_sign` is None, because it is open whether the curves cross. A crossing is
+      proven only where all axes of a loop of four pairs are in one plane. Here the axis of
+      the crank is not in the plane of the other three.
+    - The result is complete except for a range of the input about the saddle, less than
+      1e-4 rad wide (`completeness.box`).
     """
     mechanism = two_dyads(ground=60, crank=50, turn=140, coupler=40, rocker=35)
     curves = certify_curves(mechanism, ("80", "110"))
@@ -226,12 +234,13 @@ FOUR_BAR = mechanism_text("four_bar_proof_adversaries")
     ],
 )
 def test_special_four_bars_have_the_modes_of_the_closed_form(arcs, crossings, still):
-    """Proven intervals with two modes are those in which the triangle inequality holds.
+    """Two modes are proven for the inputs at which the triangle inequality holds.
 
-    A mode is a way to assemble the links. The diagonal of the four-bar is the arc from the
-    axis at the tip of the crank to the fixed axis of the rocker. Coupler and rocker close
-    the loop, in two modes, if the diagonal is between the difference and the sum of their
-    arcs.
+    A mode is a way to assemble the links. `certify_curves` divides the range of the input
+    into intervals, and proves the number of modes in each. The diagonal of the four-bar is
+    the arc from the axis at the tip of the crank to the fixed axis of the rocker. Coupler
+    and rocker close the loop, in two modes, if the diagonal is between the difference and
+    the sum of their arcs. Otherwise there is no mode.
 
     Parameters
     ----------

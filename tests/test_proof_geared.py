@@ -101,12 +101,13 @@ def test_the_clearance_of_a_geared_five_bar_is_the_distance_to_a_dead_centre(
 ):
     """The clearance of an input is its distance to the next singularity or end of range.
 
-    `geared` makes a geared five-bar with these numbers of teeth. The clearance may not
-    exceed the distance to the dead centres, where the input cannot go on, and may be less
-    by 1e-5 deg at most. `dead_centres` computes these by a closed form.
+    `geared` makes a geared five-bar with these numbers of teeth. At a dead centre the input
+    cannot go on. `dead_centres` computes dead centres by a closed form. The proven
+    clearance may be up to 1e-5 deg less than the distance, but not more. `ends` are the
+    ends of the range of the input in degrees.
 
     After a cycle of `laps` turns of the input, all configurations return. So two inputs are
-    never farther apart than half a cycle.
+    never farther apart than half a cycle. A range of a full cycle has no end.
     """
     curves = certify_curves(geared(teeth), ends)
     located = locate_singularities(curves)
@@ -143,11 +144,16 @@ def test_wheels_are_told_to_come_back_or_refused():
 def test_certify_prints_the_ranges_between_dead_centres_of_a_geared_five_bar(
     tmp_path, capsys
 ):
-    """The command prints two modes before and after two dead centres, and none between.
+    """The command prints how many modes there are before, between and after dead centres.
 
-    A mode is a way to assemble the links. At a dead centre the input cannot go on;
-    `dead_centres` computes them by a closed form. The wheels have 20 and 40 teeth, so that
-    everything repeats after two turns of the input, the range from 0 to 720 deg.
+    A mode is a way to assemble the links. At a dead centre the input cannot go on.
+    `dead_centres` computes the two dead centres of the range by a closed form. There are
+    two modes before the first and after the second dead centre. Between the two dead
+    centres the five-bar cannot be assembled.
+
+    The two cranks are geared by wheels of 20 and 40 teeth. After two turns of the input
+    crank the other crank has made one turn, so the motion repeats. The range from 0 to 720
+    deg is these two turns.
     """
     path = tmp_path / "geared.toml"
     path.write_text(FIVE_BAR.format(20, 40, 0.0, 720.0), encoding="utf-8")
@@ -155,7 +161,7 @@ def test_certify_prints_the_ranges_between_dead_centres_of_a_geared_five_bar(
     screen = capsys.readouterr().out
     assert "Proven: all assembly modes" in screen
 
-    # Rows with the ends of a range and the number of its assembly modes
+    # Each row has the two ends (deg) of a range and the number of its assembly modes.
     rows = re.findall(r"^ +([\d.]+) +([\d.]+) +(\d)$", screen, re.M)
     printed = np.array(rows, dtype=float)
     first, second = dead_centres(0, 720, (20, 40))

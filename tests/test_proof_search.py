@@ -15,7 +15,18 @@ from spherekit.proof.paving import FIRST_ANGLE_RAD, VariableRanges, pave
 
 
 def test_configurations_in_boxes_are_searched_at_the_input_that_has_one_value():
-    """The angle of the wheel has a range, and comes after the input."""
+    """The search for configurations in boxes does not move an input that has one value.
+
+    `pave` divides the space of all variables into boxes. Near small boxes it searches
+    configurations by Newton's method, which may change only the variables before the input.
+    The variables of this geared five-bar are an unknown angle, the input and the angle of a
+    wheel. The angle of the wheel has a range, although it comes after the input. It must
+    stay in this range.
+
+    No configuration is known in advance, so `covers` is false for all boxes.
+    `add_configuration` records each configuration that is found. It returns False, so that
+    the search goes on.
+    """
     text = mechanism_text("posed_geared_five_bar").format(20, 40, 0.0, 360.0)
     mechanism = decimal_mechanism(text)
     unknown_count = 1

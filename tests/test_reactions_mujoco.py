@@ -26,7 +26,8 @@ mujoco = pytest.importorskip("mujoco")
 def links_beyond_hinge(model, mechanism, hinge):
     """Return the numbers of the moving links that a hinge of MuJoCo's tree carries.
 
-    These are all links that the tree reaches from the ground through this hinge.
+    These are all links that the tree reaches from the ground through this hinge. The caller
+    adds the moments on these links, to compare the sum with a torque at the hinge.
 
     Parameters
     ----------

@@ -209,12 +209,17 @@ def test_bad_requests_name_the_nearest_match(models, call):
 
 
 def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
-    """Files of stored models with a wrong version or content, or cut off, are refused.
+    """Damaged files of stored models are refused, with a message that names the damage.
 
-    A file is an archive of NumPy with a header in JSON and a checksum. Functions are stored
-    in groups. The array "coefficients_k" has the series of the functions of group k; its
-    last axis, the columns, is the number of the function. Changed files get a valid
-    checksum (`write_changed`), so that the content itself is refused.
+    A stored model has quantities of a mechanism as functions of its position, such as its
+    inertia reduced to the input. The range of the position is divided into cells. In each
+    cell a function is a Chebyshev series.
+
+    The file of a model is an archive of NumPy with a header in JSON and a checksum. The
+    functions are stored in groups. The array "coefficients_k" has the coefficients of all
+    functions of group k. Its axes are the cell, the order in the series, and the function.
+    Files changed by `write_changed` get a valid checksum. So they are refused for their
+    content, not for their checksum.
     """
     valid_file = tmp_path / "good.npz"
     models[0].save(valid_file)
@@ -228,12 +233,11 @@ def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
         write_archive(tmp_path / name, file_format, fields, {**arrays, **changed_arrays})
         return tmp_path / name
 
-    # A model divides its range into cells. In each cell a function is a Chebyshev series.
-    # The inertia "B" is function 8 of group 0; one of its coefficients becomes NaN.
+    # The inertia "B" is function 8 of group 0. One of its coefficients becomes NaN.
     with_nan = arrays["coefficients_0"].copy()
     some_cell, some_order, function_of_inertia = 3, 2, 8
     with_nan[some_cell, some_order, function_of_inertia] = np.nan
-    # Group 1 has five functions, and so five columns.
+    # Group 1 has five functions, so its array has five columns (its last axis).
     too_few_columns = arrays["coefficients_1"][..., :3]
     np.savez(tmp_path / "foreign.npz", a=np.zeros(3))
     np.savez(tmp_path / "no_checksum.npz", header=np.array(json.dumps(header)), **arrays)

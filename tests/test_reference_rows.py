@@ -522,12 +522,18 @@ def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name
 
 
 def test_inertia_and_its_derivative():
-    """The inertia B of a four-bar and its derivative by the input are right in 50 digits.
+    """The inertia B and its derivative, computed with 50 digits, pass two comparisons.
 
-    B is the inertia of all links reduced to the input. The motion has five samples, of
-    which two rows (samples in a mode) are chosen. Both are compared with the float64
-    numbers of the analysis `eksergian`. The derivative is also compared with the central
-    difference of B over inputs 2^-47 rad apart.
+    B is the inertia of all links of a four-bar, reduced to the input. Its derivative is by
+    the input. Such numbers of many digits serve as a reference for float64 (`exact_rows`,
+    `exact_inertia`).
+
+    - B and its derivative agree with the analysis `eksergian`, which computes in float64,
+      to 1e-14.
+    - The derivative agrees with the central difference of B over inputs 2^-47 rad apart, to
+      1e-25. The error of this difference is of the order of the step squared, 1e-29.
+
+    The motion has five samples, of which two rows (samples in a mode) are chosen.
     """
     motion = traced("four_bar", samples=5)
     chosen = select_good_rows(motion, 2)
@@ -542,6 +548,8 @@ def test_inertia_and_its_derivative():
 
     B, dB = inertia(0.0)
     frame = sk.run(mechanism, "eksergian", samples=5).frame()
+    # B and dB are balls (numbers with a bound of their error). `centre_floats` rounds the
+    # centres of balls to float64.
     for numbers, name in ((B, "B"), (dB, "dB_dq")):
         of_analysis = frame[name].to_numpy()[chosen]
         assert np.max(np.abs(centre_floats(numbers) - of_analysis)) < 1e-14
@@ -609,12 +617,13 @@ def test_the_reference_of_a_contact_at_rest_turns_with_its_links():
 def test_poles_found_from_a_common_axis_have_the_error_of_its_rounding():
     """Poles that only rounding determines still have errors within their bounds.
 
-    In this random mechanism both axes of the crank are equal but for rounding. So the crank
-    turns idle, and all other links move by 1e-16 only. Where their poles (axes of relative
-    rotation) are depends on rounding. spherekit states them nevertheless, with error
-    bounds. The errors against a computation in many digits must be within these bounds, so
-    no ratio of error and bound may exceed 1. `KINDS` are the kinds of numbers with a bound,
-    such as directions. No coefficient or bound may be NaN (`missing_numbers`).
+    In this random mechanism the two axes of the crank coincide, but for rounding. So the
+    crank turns about this common axis without moving the other links, but for about 1e-16
+    rad. The positions of their poles (axes of relative rotation) therefore depend on
+    rounding. spherekit states the poles nevertheless, with error bounds. The errors against
+    a computation in many digits must be within these bounds, so no ratio of error and bound
+    may exceed 1. `KINDS` are the kinds of numbers with a bound, such as directions. No
+    coefficient or bound may be NaN (`missing_numbers`).
     """
     _, mechanism = random_mechanism(72)
     # Without a search, only the assembly mode of the reference pose is computed.

@@ -82,8 +82,9 @@ def check_pole(field, reference, pole, rows, rate_scale, change_scale):
     rows
         Which rows are compared.
     rate_scale, change_scale
-        Largest rate of any link and largest derivative of a rate, at least 1. Differences
-        of velocity and acceleration coefficients are relative to these.
+        Largest component of the rate (angular velocity) of any link, and largest component
+        of its derivative. Both are at least 1. Differences of velocity coefficients are
+        relative to the first, those of acceleration coefficients to the second.
     """
     u = field.direction[pole][rows]
     v = reference.direction[pole][rows]

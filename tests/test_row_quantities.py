@@ -229,10 +229,10 @@ def test_pole_axes_by_quantities_are_those_of_relative_rates(name, compared_rows
     """Pole axes by names such as `pole_4_2_y` are those of relative rates of links.
 
     A sweep of designs computes numbers of a configuration that are chosen by such names.
-    `compared_rows` returns these numbers. `pole_4_2` is the axis about which link 4 turns
-    relative to link 2. Pole times velocity coefficient must be the difference of the
-    angular velocities by `sk.evaluate`. If a pair joins two links, the pole of its second
-    link relative to the first must be its axis.
+    `compared_rows` returns an object with these numbers for one configuration in all modes.
+    `pole_4_2` is the axis about which link 4 turns relative to link 2. Pole times velocity
+    coefficient must be the difference of the angular velocities by `sk.evaluate`. If a pair
+    joins two links, the pole of its second link relative to the first must be its axis.
     """
     rows = compared_rows(name)
     links = links_to_compare(name)

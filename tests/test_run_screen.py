@@ -192,8 +192,9 @@ def test_every_output_has_its_own_transmission_angle_on_the_screen(capsys):
     angles at pair 56 by the law of cosines. The angle at 34 is the same in all modes, 47.9
     deg.
 
-    With link 4 as a second output, both dyads place an output. Without that output, a note
-    states the least angle of all dyads.
+    First, link 4 is added as a second output, "lever". Then each dyad places an output. The
+    second run has the file's output only, link 6. There a note states the least angle of
+    all dyads, because the dyad with this angle places no output.
     """
     watt = sk.load("watt")
     outputs = (Output("lever", "4", "1", None), *watt.outputs)
@@ -383,8 +384,9 @@ def test_a_mode_is_compared_with_itself_only():
 def test_a_rate_that_jumps_at_a_singular_configuration_is_no_rest():
     """A velocity ratio that jumps from one sign to the other is not reported as a rest.
 
-    The ratio of a facet of a folded vertex jumps in the flat state, at the middle of the
-    samples. It is zero on neither side, so the facet does not come to rest there.
+    The output is a facet (link) of a folded vertex. Its rate per rate of the input jumps in
+    the flat state, at the middle of the samples. The ratio is zero on neither side of the
+    jump, so the facet does not come to rest there.
     """
     vertex = sk.load("flat_foldable_vertex")
     flat_in_the_middle = replace(

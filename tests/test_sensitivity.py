@@ -326,9 +326,10 @@ def test_what_no_size_changes_is_said_to_be_so(tmp_path, capsys):
 def rocker_angle(arcs, q, side):
     """Return the angle (rad) of the rocker of a four-bar by spherical triangles.
 
-    This is the independent reference of tests. The angle about the rocker's hinge counts
-    from the direction to the axis of the crank. It is NaN where the four-bar does not
-    close. The diagonal is the arc from the tip of the crank to the hinge on the base.
+    Tests compare the angles of an assembled four-bar with this independent result. The
+    angle about the rocker's hinge on the base counts from the direction to the axis of the
+    crank. It is NaN where the four-bar does not close. The diagonal is the arc from the tip
+    of the crank to the hinge.
 
     Parameters
     ----------
@@ -345,7 +346,8 @@ def rocker_angle(arcs, q, side):
     diagonal = np.arccos(tip[1] * np.sin(base) + tip[2] * np.cos(base))
     # The hinge is at (0, sin(base), cos(base)). The azimuth of the tip about the hinge
     # counts from the direction to the axis of the crank, (0, -cos(base), sin(base)),
-    # towards x. The rocker is to one side of the diagonal from the hinge to the tip.
+    # towards x. The azimuth of the rocker differs from it by the angle at the hinge between
+    # the diagonal and the rocker. Its cosine follows from the spherical law of cosines.
     tip_azimuth = np.arctan2(tip[0], tip[2] * np.sin(base) - tip[1] * np.cos(base))
     with np.errstate(invalid="ignore"):
         cosine = np.cos(coupler) - np.cos(diagonal) * np.cos(rocker)
@@ -771,10 +773,12 @@ def test_draws_of_wheels_are_assembled_after_whole_revolutions():
 
 
 def test_an_arc_between_the_axes_of_two_wheels_moves_the_linkage_that_they_drive(tmp_path):
-    """Derivatives by the base of a geared five-bar are differences of changed files.
+    """Derivatives of joint angles by an arc between two wheels equal central differences.
 
-    The wheels are on the axes of link 1. Its arc can change, because the wheels of each
-    file have their radii from the numbers of teeth. The wheels turn at the same ratio.
+    In a geared five-bar two wheels turn about the two axes of link 1. The arc of link 1 is
+    varied. The differences are those of the angles of two files, one with a larger arc and
+    one with a smaller arc. The files state the numbers of teeth and not the radii of the
+    wheels. So the radii follow from the arc, and the wheels mesh at the same ratio.
     """
     path = tmp_path / "geared.toml"
     text = mechanism_text("geared_five_bar")

@@ -194,9 +194,9 @@ def dual_number_program(exported):
     """Return a C++ program that computes exported results of a four-bar in dual numbers.
 
     It shows that the exported template works with a number type of the user. A dual number
-    has a value x and a derivative d by the input, which is 1 for the input itself. The
-    class `Dual` has only the operations that exported formulas may use. The program prints
-    value and derivative of each result at the input of the first assembly mode.
+    has a value x and its derivative d by the input. For the input itself, d is 1. The class
+    `Dual` has only the operations that exported formulas may use. The program prints value
+    and derivative of each result at one input at which the first assembly mode exists.
 
     The exported function has four arrays as arguments: the input, the number that selects
     the assembly mode, the sizes that were exported as variables (none), and the results.

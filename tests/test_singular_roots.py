@@ -40,15 +40,18 @@ def geared_five_bar(tmp_path, low_deg, high_deg):
 
 
 def dead_centres_of_geared_five_bar(mechanism, low, high):
-    """Return the inputs (rad) at which both couplers of a geared five-bar are in line.
+    """Return the sorted inputs (rad) at which a geared five-bar has its couplers in line.
 
-    They are sorted. The two cranks, left and right, are geared to each other, with 20 and
-    40 teeth. The couplers join their tips. The axes of one configuration are computed by
-    the position analysis. From there both tips are turned about the fixed axes: the left
-    one by the change of the input, the right one by half of it in the opposite sense.
+    A test compares the computed singularities with these inputs. The two cranks, left and
+    right, are geared to each other, with 20 and 40 teeth. The couplers join their tips. The
+    axes of one configuration are computed by the position analysis. From there both tips
+    are turned about the fixed axes: the left one by the change of the input, the right one
+    by half of it in the opposite sense.
 
     The couplers have arcs of 60 and 55 degrees. They are in line where the arc between the
-    tips is the sum or the difference of these. Sign changes at 2001 inputs are refined.
+    tips is the sum or the difference of these two arcs. The arc between the tips is
+    computed at 2001 inputs from `low` to `high`. Between two inputs at which it passes the
+    sum or the difference, the dead centre is found as a root.
     """
     motion = PositionAnalysis(mechanism, samples=61).motion()
     row = int(np.flatnonzero(~motion.failed)[0])
@@ -248,10 +251,13 @@ def check_points(position_analysis, points, kind):
 def test_surfaces_from_random_starts_lie_within_the_ranges_of_inputs(kind):
     """A singular surface of three inputs is a mesh of singular points within their ranges.
 
-    It is consistently oriented: no directed edge belongs to two triangles. The surface of
-    type II is complete: its border is on ends of input ranges. Surfaces of type I cross
-    each other, and the mesh ends where they do. So its border and the length of its edges
-    are not compared.
+    At a singularity of type I an input can move while the output rests. At type II the
+    output can move while the inputs are locked.
+
+    The mesh is consistently oriented: no directed edge belongs to two triangles. The
+    surface of type II is complete: its border is on ends of input ranges. Surfaces of type
+    I cross each other, and their mesh ends where they do. The border and the lengths of
+    edges are checked for type II only.
     """
     # The wanted length of edges (rad). The first mesh has edges of up to 1.5 times this
     # length, which are then halved once.

@@ -328,13 +328,14 @@ def four_bars_of_singular_curves(kind):
 
 @pytest.mark.slow
 def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
-    """The type I curves of a five-bar are motions with a stretched or folded leg.
+    """Along each type I curve of a five-bar, one leg stays stretched or folded.
 
     At type I inputs can move while the output rests. The output is the axis 43, which joins
     both legs. Let a be the crank and b the coupler of a leg. While the leg is in line, it
     acts as one bar of the arc a + b (stretched) or |a - b| (folded). The output then moves
-    on a circle of this radius about the fixed axis of the leg. The mechanism is then a
-    four-bar, whose motion is a curve of type I (`four_bars_of_singular_curves`).
+    on a circle of this radius about the fixed axis of the leg. The mechanism then moves
+    like a four-bar. The configurations of each motion of this four-bar form a curve of type
+    I (`four_bars_of_singular_curves`).
 
     - Folded: each motion of a four-bar with a folded leg is a closed curve.
     - Stretched: there is one motion with the first leg stretched, and one with the second.
@@ -387,19 +388,21 @@ def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
 
 @pytest.mark.slow
 def test_type_two_curves_of_a_five_bar_have_coplanar_distal_axes():
-    """The type II curves of a five-bar are motions with both couplers in line.
+    """Along each type II curve of a five-bar, both couplers stay in line.
 
-    Type I: the inputs can move while the output rests. Type II: the output can move while
-    the inputs are locked. Type III: both. The output is the direction of the axis 43, which
-    joins the couplers. The other ends of the couplers, at the cranks, are the elbows.
+    The output is the direction of the axis 43, which joins the couplers. The other ends of
+    the couplers, at the cranks, are the elbows. A configuration is of type I if the inputs
+    can move while the output rests. It is of type II if the output can move while the
+    inputs are locked, and of type III if both hold. A type II curve is a curve of type II
+    configurations in the space of the joint angles.
 
-    If the couplers are in line, they act as one bar between the elbows, with the sum or the
-    difference of their arcs. Each motion of this four-bar is a curve of type II
-    (`four_bars_of_singular_curves`).
+    Couplers in line act as one bar between the elbows, with the sum or the difference of
+    their arcs. The five-bar then moves like a four-bar. The configurations of each motion
+    of this four-bar form a curve of type II (`four_bars_of_singular_curves`).
     """
     mechanism = five_bar()
-    # A slice has the configurations with one input locked. The search starts from singular
-    # points in slices at five values of each input.
+    # The search locks each input in turn at five values, and finds the singular points
+    # there. From these points it follows the curves.
     result = singular_curves(
         with_full_turns(mechanism), "II", pointing="43", slices_of_each=5
     )

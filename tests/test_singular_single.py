@@ -155,9 +155,9 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
     The rates of the output 4/1 and of the input satisfy a relation c w_out = d w_in. It is
     stated in two forms, which compute c and d from different pole axes:
 
-    - Form i takes the pole axes between ground, input link and output link. If c and d are
-      not zero, the relation is regular (its type is None). Then it must hold for the rates
-      along the tangent.
+    - Form i takes the pole axes between ground, input link and output link. If neither c
+      nor d is zero, the relation is regular (its type is None). Then it must hold for the
+      rates along the tangent.
     - Form ii also takes the axes of a fourth link. Here c and d are both zero, which is
       type III. The reason is that all axes are in one plane (the condition III.a).
     """
@@ -202,7 +202,8 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
                 assert relation_i.residual < 1e-12
         is_parallelogram = degrees == (60, 40, 60, 40)
         if is_parallelogram:
-            # There is no curve along which a link rests all the time.
+            # Some of the other four-bars have curves along which the input or the output
+            # rests all the time. The parallelogram has none.
             assert report.resting_curves == []
 
 
@@ -260,11 +261,15 @@ def test_curves_of_two_four_bars_that_fold_at_once_cross_with_four_tangents():
 def test_rest_points_of_all_poles_are_where_relative_rates_vanish(chain, seed):
     """Rest points of two links are exactly where their relative rate is zero.
 
-    Links are numbered from 0. Their relative rate, a vector, is sampled at 1501 points of a
-    configuration curve. Where it reverses its direction, 201 finer points decide whether
-    its size goes to zero: below 2 % of that at the ends of the step. A pole is the axis of
-    the relative rotation of two links. `signed_rate`, the component of the rate along the
-    continuous pole axis, must change its sign there.
+    A rest point of two links is a point of a configuration curve at which they do not
+    rotate relative to each other. The relative rate of the links, a vector, is sampled at
+    1501 points of the curve. Its zeros are sought in the steps in which its direction turns
+    by 90 degrees or more. There it is sampled at 201 finer points. If its size falls below
+    2 % of the larger size at the ends of the step, the rate is zero within the step.
+
+    A pole is the axis of the relative rotation of two links. `signed_rate` is the component
+    of the relative rate along the pole axis, whose unit vector does not jump. It must
+    change its sign as often as the rate is zero. Links are numbered from 0.
     """
     axes = random_axes(np.random.default_rng(seed), len(parse_chain(chain)))
     mechanism = mechanism_from_chain(chain, axes, span=(-np.pi, np.pi))
@@ -407,10 +412,24 @@ def test_form_ii_of_an_output_that_is_relative_to_a_coupler_says_which_rate_it_h
 
 
 def compare_four_links(velocities, kind, resting_poles):
-    """Return form i of links 0 to 3 at one singularity, from their angular velocities.
+    """Return the relation c y' = d q' of four links at one singularity, with its note.
 
-    The input is link 0 relative to 1, the output link 2 relative to 3. `resting_poles` are
-    stated to rest. Poles of links with equal velocities are NaN.
+    q' is the rate of the input, link 0 relative to link 1. y' is the rate of the output,
+    link 2 relative to link 3. This is form "i" of the relation, in which y' is relative to
+    the output's own reference link. c and d follow from the pole axes. A pole axis is the
+    axis of the relative rotation of two links. `compare_with_rates` compares the relation
+    with the rates at the singularity, and explains a difference in the note. Tests check
+    the type and the note of the relation.
+
+    Parameters
+    ----------
+    velocities
+        (4, 3) angular velocities of links 0 to 3, which give the pole axes. The axis of two
+        links with equal velocities is NaN.
+    kind
+        Type of the singularity according to the rates.
+    resting_poles
+        Pairs of links (a, b) that are stated to rest relative to each other.
     """
 
     def pole_axis(pole):

@@ -380,8 +380,8 @@ def test_the_grashof_class_of_a_four_bar_says_which_links_turn_fully(name):
     """The Grashof class of a four-bar says which links turn fully.
 
     The reference: a link turns fully against a neighbour if the loop closes at all of 2001
-    angles between them. The ends of both links are a diagonal apart, by the law of cosines.
-    The loop closes if the other two links can span the diagonal.
+    angles between them. The diagonal is the arc between the far ends of the two links, and
+    follows from the law of cosines. The loop closes if the other two links can span it.
     """
     ground, crank, coupler, rocker = np.radians(GRASHOF[name])
     angles = np.linspace(0.0, np.pi, 2001)
@@ -404,8 +404,8 @@ def test_the_grashof_class_of_a_four_bar_says_which_links_turn_fully(name):
         coupler_turns = turns_fully(coupler, crank, ground, rocker)
         assert coupler_turns == (name == "double-rocker")
     assert class_of(ground, crank, coupler, rocker) == name
-    # With this ground arc all links can lie in one great circle, with the crank on the
-    # coupler: ground = rocker + |crank - coupler|.
+    # With this ground arc all links can lie in one great circle, with crank and coupler
+    # folded onto each other: ground = rocker + |crank - coupler|.
     change_point = class_of(abs(crank - coupler) + rocker, crank, coupler, rocker)
     assert change_point == "change-point"
 

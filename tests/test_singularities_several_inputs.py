@@ -100,10 +100,10 @@ def test_findings_count_aspects_and_singular_curves_as_the_tables_do(five_bar_ru
 
 
 def parse_reach(text):
-    """Return the inputs that curves reach, from a text such as "21 = 74, 51 = 41 to 140".
+    """Return the inputs that singular curves reach, from a cell of the printed table.
 
-    Curves are separated by "; ", and inputs by ", ". An input is one angle (deg) or a
-    range. Without a curve the text is "-".
+    A cell is a text such as "21 = 74, 51 = 41 to 140". Curves are separated by "; ", and
+    inputs by ", ". An input is one angle (deg) or a range. Without a curve the text is "-".
 
     Returns
     -------

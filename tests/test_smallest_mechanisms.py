@@ -35,7 +35,7 @@ OPEN_CHAINS = {
 }
 """Chains without a loop, by the links that each pair joins."""
 INERTIA = ((2.0, 0.1, 0.0), (0.1, 1.5, 0.2), (0.0, 0.2, 1.0))
-LAST_ANGLES = np.array([-0.9, 0.0, 0.7])
+FIRST_PAIR_ANGLES = np.array([-0.9, 0.0, 0.7])
 """Angles (rad) of the first pair in three samples; later pairs turn less."""
 
 
@@ -115,10 +115,10 @@ def test_rotations_and_rates_of_open_chains_are_those_by_exponentials(chain, rou
     """
     mechanism = open_chain(chain)
     input_count = len(mechanism.inputs)
-    # (samples, pairs) pair angles, rad. `LAST_ANGLES` are those of the first pair at the
-    # samples. The last pair turns by half as much.
+    # (samples, pairs) pair angles, rad. The last of several pairs turns by half as much as
+    # the first one.
     part_of_pair = np.linspace(1.0, 0.5, input_count)
-    path = LAST_ANGLES[:, None] * part_of_pair
+    path = FIRST_PAIR_ANGLES[:, None] * part_of_pair
     position_analysis = PositionAnalysis(mechanism, path=path)
     motion = position_analysis.motion()
     assert np.all(motion.status == Status.OK)

@@ -121,7 +121,8 @@ class Machines:
         """Start `python -m arguments` in a new folder, and return the process.
 
         `site` is the text of a module `sitecustomize`, which Python imports at its start.
-        Tests change the program of this process by it. `environment` has further variables.
+        Tests use it to replace functions in this process. `environment` has further
+        environment variables.
         """
         folder = self.root / f"machine-{len(self.processes)}"
         (folder / "site").mkdir(parents=True)

@@ -279,9 +279,9 @@ def test_an_equation_that_is_only_rounding_is_not_used_for_rates():
 
     In mode 4 of this folding pattern one vertex stays flat, and one loop equation is 0 = 0
     but for rounding. A sweep chooses as many independent equations as there are unknown
-    rates, and must not choose this one. The reference is the null space of all loop
-    equations (`null_vector`). Compared are the largest rates of three pairs per unit rate
-    of the input z00.
+    rates. The equation 0 = 0 must not be among them. The reference is the null space of all
+    loop equations (`null_vector`). Compared are the largest rates of three pairs per unit
+    rate of the input z00.
     """
     motion = sk.trace(MIURA, samples=5)
     mechanism = motion.mechanism

@@ -117,8 +117,8 @@ def test_figures_of_the_kernel_and_of_an_analysis_share_a_sweep():
     A figure of merit is a number for each design and mode. A compiled kernel computes
     figures that are formulas of rates or angles, in each assembly mode (way to assemble the
     links). The analysis `workspace` has figures for each working mode (inverse solution of
-    the legs). A sweep of both has the rows of two separate sweeps. In each row the figure
-    of the other kind is NaN.
+    the legs). A sweep with figures of both kinds has the rows that two sweeps with one kind
+    each would have. In each row the figure of the other kind is NaN.
     """
     figure = "most=max(abs(rate_43_by_51))"
     vary = {"links.2.arc": [60.0, 65.0]}

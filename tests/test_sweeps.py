@@ -154,12 +154,13 @@ def test_rows_of_a_sweep_are_the_figures_of_each_design(name, keys, pair, link):
 @pytest.mark.many
 @pytest.mark.parametrize("name, middle_pair", [("four_bar", "43"), ("stephenson", "56")])
 def test_figures_of_analyses_in_a_sweep_are_extremes_of_their_tables(name, middle_pair):
-    """Figures of analyses in a sweep are extremes of the tables of a run.
+    """The figures that analyses add to a sweep are extremes of the tables of a run.
 
-    They are the least transmission angle at the pair between coupler and output, the
-    largest driving torque and the largest inertia B reduced to the input. A run of
-    `singularities` and `eksergian` computes the tables. The latter is left out for the
-    six-bar, which has no loads.
+    A figure is one number for each design and assembly mode (way to assemble the links).
+    Here the figures are the least transmission angle at the pair between coupler and
+    output, the largest driving torque, and the largest inertia B reduced to the input. A
+    run of the same analyses, `singularities` and `eksergian`, computes the tables.
+    `eksergian` is left out for the six-bar, which has no loads.
     """
     analyses = ["singularities"]
     if name == "four_bar":

@@ -237,26 +237,32 @@ def test_nondominated_rows_are_those_that_no_row_of_their_mode_beats():
 
 @pytest.mark.slow
 def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
-    """A synthesized five-bar has a larger least sine over a cone than the agile eye.
+    """A synthesized five-bar stays farther from singularities than the agile eye.
 
     The five axes of a five-bar are A and D at the base, the elbows B and E, and C on the
-    platform. The distal arcs are those from C to B and from C to E. Link 6 leads C round a
-    cone of 25 degrees about an axis W of the base. Pair F has the same axis as C, so that
-    the angle between the distal arcs is theta_C - theta_F. The synthesis maximizes the
-    least sine of this angle on the cone: its objective is the negative of this sine.
+    platform. The distal arcs lead from C to B and from C to E. If they lie on one great
+    circle, the five-bar is in a singularity of type II. So the sine of the angle between
+    the distal arcs measures the distance from these singularities.
 
-    The agile eye has four moving links with arcs of 90 degrees, and W, A and D at right
-    angles to each other. Its sine has a closed form. With the components a and d of C along
-    A and D, the cosine between the distal arcs has the size
+    Link 6 leads C round a cone with the half-angle 25 degrees about an axis W of the base.
+    It also holds the axis of pair F, which is the same line as C. Pair C joins link 6 to
+    one distal link, and pair F joins it to the other. So the angle between the distal arcs
+    is theta_C - theta_F. The synthesis maximizes the least sine of this angle on the cone.
+    Its objective is the negative of this least sine, since objectives are minimized.
+
+    The agile eye is a five-bar whose four moving links have arcs of 90 degrees. W, A and D
+    are at right angles to each other. Its least sine has a closed form. Let a and d be the
+    components of C along A and D. The cosine between the distal arcs has the size
 
         a d / sqrt((1 - a^2) (1 - d^2)).
 
     On the cone a^2 + d^2 = sin(25 deg)^2. So the cosine is largest, and the sine least,
-    where a = d. This is at 45 degrees on the cone, which is one of the 73 samples.
+    where a = d. This is at 45 degrees on the cone. The sweep has 73 samples in steps of 5
+    degrees, and so a sample there.
     """
     result = sk.synthesize(EXAMPLES / "cone.toml", designs=512, starts=1)
-    # The only value of each size, in degrees. Those of the base (link 1) are the arcs from
-    # W to A and to D, and the angle between these arcs.
+    # The sweep has one design, the agile eye. So each size has one value (deg). The sizes
+    # of the base (link 1) are the arcs from W to A and to D, and the angle between them.
     arcs = {f"links.{link}.arc": [90.0] for link in "2345"}
     arcs["links.1.arcs.A"] = [90.0]
     arcs["links.1.arcs.D"] = [90.0]
@@ -320,12 +326,16 @@ def check_gradients(evaluator, design, steps, mode, absolute_tolerance):
 
 @pytest.mark.slow
 def test_gradients_of_figures_of_every_kind_agree_with_differences(tmp_path):
-    """Gradients of extremes, means, ranges, and values at inputs agree with differences.
+    """Gradients of figures of merit of every kind agree with finite differences.
 
-    These are figures of merit: numbers of a design that a synthesis improves. Two arcs and
-    the zero angle of pair 41 vary (deg). Figure e is a value at the input of 70 deg, and B
-    in figure f is the inertia reduced to the input. Both assembly modes (ways to assemble
-    the links) close at all samples. `check_gradients` compares with differences of a sweep.
+    A figure of merit is a number of a design that a synthesis improves. The kinds are
+    extremes, means, ranges, and values at one input. Two arcs and the zero angle of pair 41
+    vary (deg). Figure e is the value of an expression at the input of 70 deg. B in figure f
+    is the inertia reduced to the input.
+
+    `check_gradients` compares the gradients with central differences. A sweep computes the
+    figures for these differences. It returns the share of the samples at which an assembly
+    mode (way to assemble the links) closes. Here both modes close at all samples.
     """
     path = tmp_path / "synthesis.toml"
     path.write_text(
@@ -397,9 +407,9 @@ def test_numbers_at_their_physical_limit_have_derivatives():
     derivative cannot come from differences to both sides.
 
     A design has four variables, in this order: the arc of link 3, the stiffness of a
-    spring, its rest angle (deg), and a moment of inertia of the rocker. The formulas of the
-    dynamics contain one number for each of the last three. The test is about the
-    derivatives of these three numbers.
+    spring, its rest angle (deg), and a moment of inertia of the rocker. Each of the last
+    three changes one number in the formulas of the dynamics. The derivatives of these three
+    numbers are tested.
     """
     specification = specification_of(EXAMPLES / "spring.toml", designs=4)
     varied = specification.sweep.evaluator.varied_mechanism
@@ -412,7 +422,7 @@ def test_numbers_at_their_physical_limit_have_derivatives():
     # Rows of `slopes` are the sizes that vary, then the numbers of masses and loads.
     slopes_of_numbers = design.slopes[len(varied.size_variables) :]
     assert slopes_of_numbers == pytest.approx(expected, rel=1e-12)
-    # None would stand for derivatives that are not the same in all designs.
+    # An item would be None if the derivatives were not the same in all designs.
     assert not any(slope is None for slope in varied.constant_slopes)
 
 

@@ -195,11 +195,13 @@ def test_recommended_settings_meet_the_tolerance(name, count, samples):
 
     A trade measures the time and the error of evaluation settings, and recommends the
     cheapest one whose error times `MARGIN` is below a tolerance. It measures errors at a
-    third of the samples only; here all samples are compared with the reference. No number
-    of the reference may be missing in the tables. If no setting is recommended, the error
-    of each setting in question must be too large. These are the settings that no other
-    beats in both time and error (`pareto`). Times do not matter here, so they are measured
-    in one round.
+    third of the samples only; here all samples are compared with the reference. Each number
+    in the tables of the reference must also be in those of the setting (`missing` counts
+    numbers that are not).
+
+    If no setting is recommended, the error of each setting in question must be too large.
+    These are the settings that no other beats in both time and error (`pareto`). Times do
+    not matter here, so they are measured in one round.
     """
     random = np.random.default_rng(MECHANISM_NAMES.index(name))
     options = {"assembly_mode": 0, "search": True}

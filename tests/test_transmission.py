@@ -192,7 +192,7 @@ def test_all_analyses_see_a_type_2_singularity_on_the_path_of_the_paper(
     it is 0.6315 times the angle (rad) along the path. This factor was computed in 50
     digits. The largest angle, 0.1 rad, is not that close, so an error of 30 % is allowed.
     Status and type follow from the measure. Differences below 2e-14 are rounding.
-    `rotation_of_the_paper` is this path.
+    `rotation_of_the_paper` is the closed form of this path, a rotation about a fixed axis.
     """
     mechanism = sk.load("two_dof_spm")
     (crossing,) = rotation_of_the_paper.crossings
@@ -203,7 +203,7 @@ def test_all_analyses_see_a_type_2_singularity_on_the_path_of_the_paper(
     # 1. The reference: the velocity equations of all links
     (expected,) = measure_by_velocity_equations(mechanism, values)
     assert expected == pytest.approx(0.6315 * distance_rad, rel=0.3, abs=2e-14)
-    # 2. The rotation about a fixed axis
+    # 2. The closed form of the path
     assert on_path.type_2[0] == pytest.approx(expected, rel=1e-3, abs=2e-14)
 
     # 3. Inverse kinematics of the direction of the output. It computes the configuration
@@ -229,7 +229,8 @@ def test_all_analyses_see_a_type_2_singularity_on_the_path_of_the_paper(
     bounds = bounds_of(kinematics, Constraints(near=least_angle))
     # `judge` returns the margins of poses in a working mode.
     margin = judge(kinematics, bounds, leg_signs, direction).margin[0]
-    # The margin is computed by the cosine of twice the angle, which rounds at 1e-8.
+    # The margin is computed from the cosine of twice the angle. Near the angle 0, rounding
+    # of this cosine (1e-16) changes the angle by about 1e-8.
     assert margin == pytest.approx(np.arcsin(expected) - least_angle, abs=3e-8)
 
 

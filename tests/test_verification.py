@@ -181,7 +181,7 @@ def test_a_wrong_velocity_coefficient_is_reported_and_fails_a_strict_run(
 
     It is the rate of link 4 relative to link 1 per rate of the input. The message names the
     link, the link it is seen from, and the pair of the moving input. `change_pole_fields`
-    is a function that lets a run have wrong results.
+    makes a change in the computed poles and coefficients of all later runs.
     """
 
     def falsify_coefficient(field):
@@ -203,9 +203,10 @@ def test_a_wrong_velocity_coefficient_is_reported_and_fails_a_strict_run(
 def test_a_wrong_pole_direction_is_outside_its_bound(change_pole_fields):
     """The verification of a run finds a pole direction beyond its error bound.
 
-    A pole is the axis of the relative rotation of two links. The y component of one of six
-    poles is off by 1e-10 in each of four rows. `change_pole_fields` is a function that lets
-    a run have wrong results.
+    A pole is the axis of the relative rotation of two links. Four rows of a run are
+    verified, with six poles each. In all rows the y component of one pole is changed by
+    1e-10. `change_pole_fields` takes a function that makes this change in the results of
+    later runs.
     """
 
     def falsify_direction(field):
@@ -234,12 +235,14 @@ def make_verifier(position_analysis, count):
 
 
 def test_a_wrong_configuration_is_reported_or_has_no_reference():
-    """An error of 1e-8 rad is a deviation; one of 1e-4 rad leaves no reference.
+    """A small error of a configuration is a deviation; a large one has no reference.
 
-    The reference is a configuration in 50 digits, to which Newton's method leads from the
-    row (sample of an assembly mode). From 1e-4 rad away it is too far to be the same
-    configuration. The distance between both has the size of the error. `make_verifier`
-    returns a request of a pole and a verifier.
+    A verification compares rows (samples of an assembly mode) with references. A reference
+    is a configuration in 50 digits, to which Newton's method leads from the row. An error
+    of 1e-8 rad is reported as a deviation from the reference. After an error of 1e-4 rad,
+    the solution of Newton's method is too far from the row to be taken as its reference.
+    The report states the distance from the row to this solution, about 1e-4 rad.
+    `make_verifier` returns a request of a pole and a verifier.
     """
     position_analysis = PositionAnalysis(sk.load("four_bar"), samples=7)
     motion = position_analysis.motion()
@@ -252,7 +255,8 @@ def test_a_wrong_configuration_is_reported_or_has_no_reference():
     values[near_row, column_of_theta_32] += 1e-8
     wrong_motion = replace(motion, values=values)
     poles = evaluate(wrong_motion, pole_request)
-    # No analysis reads angles that count whole turns.
+    # This argument has angles that count whole turns. It is empty, since only an analysis
+    # could read them and the run has none.
     verifier.select_from_block(wrong_motion, (poles,), continued_angles={})
     verification = verifier.verify()
     assert verification["rows"] == len(motion)
@@ -466,10 +470,11 @@ def test_wrong_uses_of_verify_are_refused(capsys):
 
 
 def test_an_analysis_that_fails_when_computed_again_does_not_lose_the_run():
-    """An analysis that works in a run and fails in its verification is named there.
+    """The verification of a run lists an analysis that fails when it is computed again.
 
-    The verification computes some rows again, here two (`verify`). The run has no failure,
-    and the columns of its other tables are still verified.
+    The verification computes some rows of the run again, here two (`verify`). Only this
+    second computation of the analysis fails. So the run itself has no failure, and the
+    columns of its other tables are still verified.
     """
 
     @dataclass(frozen=True)

@@ -173,11 +173,14 @@ def test_a_recorded_series_has_every_digit_of_its_plot(recording, mode):
 
 
 def test_recorded_poles_and_links_agree_with_closed_forms(recording):
-    """In a recording, a pole arrow and a link have the directions of closed forms.
+    """A recording draws a pole and a link where closed forms say that they are.
 
-    `recording` is the four-bar of Di Gregorio (2024), whose closed forms are compared. The
-    pole 31 is the axis of the relative rotation of links 3 and 1. Arrows of poles are drawn
-    1.25 radii of the sphere long. The file has float32 numbers, hence 1e-6.
+    A recording is a file of the viewer Rerun, with the drawn shapes at all samples of a
+    motion. `recording` is that of the four-bar of Di Gregorio (2024), and the closed forms
+    are those of the same paper. The pole 31 is the axis of the relative rotation of links 3
+    and 1. It is drawn as an arrow with the length of 1.25 radii of the sphere. Link 3 is
+    drawn with a rotation, which is compared with the closed form of its frame. The file has
+    float32 numbers, hence the tolerance of 1e-6.
     """
     columns = read_recording_columns(recording)
     arrows = columns["/four_bar/assembly_mode_1/pole/3_1", "Arrows3D:vectors"]
@@ -660,8 +663,8 @@ COLOURS = ((86, 180, 233), (238, 108, 52), (32, 190, 142), (255, 196, 0))
 def test_a_screenshot_shows_the_first_sample_that_closes(tmp_path):
     """By default a screenshot shows the first sample at which the mechanism closes.
 
-    The arcs are those of a four-bar that does not close at 180 degrees. Its poses at inputs
-    from 180 degrees on are recorded under the sample numbers 0, 1, ..., so that the first
+    The four-bar does not close at an input of 180 degrees. Its poses are recorded in
+    another order, from 180 degrees on, with the sample numbers 0, 1, .... So the first
     samples have no configuration.
     """
     path = tmp_path / "a.rrd"

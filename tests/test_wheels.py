@@ -505,8 +505,14 @@ def test_a_report_on_free_wheels_is_a_whole_sentence(inputs):
 def test_a_start_whole_turns_along_both_wheels_gives_the_same_teeth(turns):
     """A `start` that is shifted by whole circumferences is the same point of each wheel.
 
-    Wheels of 17 and 23 teeth turn by their ratio. So other teeth in contact would change
-    the angle of the second wheel, not only by whole turns.
+    The field `start` of two wheels has an arc length along each of their circles. The
+    points at these arc lengths touch where the variable of the contact is zero. On the unit
+    sphere, a whole circumference is 360 degrees times the sine of the radius.
+
+    Both wheels are shifted by whole numbers of circumferences, `turns`, so that the same
+    points touch. The shift must not count as rolling. One turn of a wheel of 17 teeth rolls
+    a wheel of 23 teeth by 17/23 of a turn. So rolling would change the angle of the second
+    wheel by a fraction of a turn, and not by whole turns only.
     """
     teeth = (17, 23)
     text = (MECHANISMS / "bevel_pair.toml").read_text()

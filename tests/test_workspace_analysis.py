@@ -132,8 +132,8 @@ def test_area_of_the_five_bar_is_that_of_intersected_caps(least_angle_deg):
     off by the stated error.
 
     The parts that cannot be reached are two caps of 30 degrees about -x and -y, and with a
-    least angle two more about x and y. One of them counts as the outside of the workspace,
-    the others as holes.
+    least angle two more about x and y. One of these caps
+    counts as the outside of the workspace, and each other cap counts as a hole.
     """
     # Caps about x and y: inside of 150 degrees, and outside of the least angle.
     cap_centres = np.eye(3)[[0, 1, 0, 1]]
@@ -154,7 +154,7 @@ def test_area_of_the_five_bar_is_that_of_intersected_caps(least_angle_deg):
             assert len(region["components"]) == 1
             assert len(region["holes"]) == hole_count
             assert len(region["bounded_by"]) == limit_count
-    # At the last tolerance, 1e-6, the table agrees too.
+    # The table of areas at the last tolerance, 1e-6, has the exact area too.
     assert area_error_sr < 1e-6 * exact_area_sr
     areas = result.frame("workspace", "areas")
     whole = areas[areas.part == "whole"]
@@ -534,11 +534,14 @@ def test_orientations_are_written_as_unit_quaternions():
 def test_pages_of_a_workspace_show_map_border_mark_and_text():
     """Both pages of a workspace have a coloured map, borders, a mark and a text.
 
-    The map of the page "Workspace" shows the angle (rad) that is left to the nearest limit
-    (margin), the map of "Singularity" the angle to the nearest singularity. `near=15`
-    excludes directions with less than 15 degrees. Each limit on the border has its own
-    colour (`tone`). The mark is at the direction with the largest margin. `SceneListener`
-    collects what is drawn.
+    A run draws its results on named pages, and `SceneListener` collects what is drawn.
+
+    - The map of the page "Workspace" shows the margin: the angle (rad) to the nearest
+      limit. The map of the page "Singularity" shows the angle to the nearest singularity.
+    - The option `near=15` excludes directions that are less than 15 degrees away from a
+      singularity.
+    - The limits that bound the workspace have different colours (`tone`).
+    - The mark is at the direction with the largest margin.
     """
     listener = SceneListener()
     workspace = "workspace:near=15,working_mode=++"
@@ -554,14 +557,14 @@ def test_pages_of_a_workspace_show_map_border_mark_and_text():
         assert drawn_values.min() >= 0.0
         assert drawn_values.max() <= np.pi / 2
 
-        # The last item has no curve, only the mark of the deepest point.
+        # The last item has no curve, only the mark of the largest margin.
         curves = [item for item in primitives if isinstance(item, SphereCurves)]
-        *borders, deepest_point = curves
+        *borders, best_direction = curves
         # Singularities of type I of both inputs, and of type II.
         assert len(borders) == 3
         assert len({border.tone for border in borders}) == 3
         # A legend has one entry for equal labels, so item and mark have the same label.
-        assert deepest_point.label == deepest_point.marks[0].label
+        assert best_direction.label == best_direction.marks[0].label
 
         (text,) = [item.markdown for item in primitives if isinstance(item, Text)]
         assert "bounded by" in text

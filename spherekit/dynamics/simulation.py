@@ -390,9 +390,9 @@ class Simulation:
         the largest of each kind is returned:
 
         - Energy: the change of kinetic energy minus the work of the loads.
-        - Momentum: the error of dp/dt times the length of the step, which is the error of p
-          that a step adds, divided by the largest p, or by the p at
-          coordinate rates of 1 rad/s if this is larger.
+        - Momentum: the error of p that a step adds, which is the error of dp/dt times the
+          length of the step. It is divided by the largest p, or by the p at coordinate
+          rates of 1 rad/s if this is larger.
         - Power: p times the error of dp/dt, since the rate of p^2 / 2 is p dp/dt.
         - Closure: the angle by which a loop is open.
         """
@@ -415,8 +415,9 @@ class Simulation:
         power_errors = np.vecdot(momenta, rate_errors)
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
         # Errors of the momenta are divided by the largest momentum. A mechanism at rest has
-        # none, so momenta at rates of 1 rad/s are considered, too. With p = R u and the
-        # coordinate rates u, they are the eigenvalues of R (`dynamics.roots`).
+        # none, so momenta at rates of 1 rad/s are considered, too. The momenta are p = R u
+        # with the coordinate rates u and the root R of the inertia matrix. If u has the
+        # length 1 rad/s and is along an eigenvector of R, the size of p is the eigenvalue.
         momentum_scale = _choose_momentum_scale(momenta, dynamics.roots.eigenvalues)
         # The integration closes loops after each step. The path has stored the largest
         # opening before these corrections.
@@ -525,8 +526,9 @@ def _choose_momentum_scale(momenta: Floats, root_eigenvalues: Floats) -> float:
     momenta
         (n, m) momenta p = R u at n times, with the rates u of m coordinates.
     root_eigenvalues
-        (n, m) eigenvalues of R, the symmetric root of the inertia matrix. Each eigenvalue
-        is the momentum at a rate of 1 rad/s. NaN if the inertia matrix is not positive.
+        (n, m) eigenvalues of R, the symmetric root of the inertia matrix. Each is the size
+        of p if u has the length 1 rad/s and is along the eigenvector of this eigenvalue.
+        NaN if the inertia matrix is not positive.
     """
     momentum_sizes = np.linalg.norm(momenta, axis=1)
     unit_momentum_sizes = root_eigenvalues.ravel()

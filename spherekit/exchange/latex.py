@@ -213,13 +213,16 @@ def _name_components(quantity: str, input_suffixes: Sequence[str]) -> list[str]:
     quantity
         Name of the quantity.
     input_suffixes
-        Ends of the names of quantities that belong to an input.
+        For each input the end of the names of its poles and velocities, such as
+        ``_by_21``; only an empty text if there is a single input.
     """
     if quantity.startswith("orientation_"):
         return [f"{quantity}_{row}{column}" for row, column in product("xyz", repeat=2)]
     if quantity.startswith("axis_"):
         return [f"{quantity}_{axis}" for axis in "xyz"]
     if quantity.startswith(("pole_", "angular_velocity_")):
+        # A name can end with several of the suffixes. For the pairs "a" and "b_by_a", the
+        # suffix "_by_b_by_a" ends with "_by_a". The longest one is taken.
         suffix = max(filter(quantity.endswith, input_suffixes), key=len)
         return [f"{quantity.removesuffix(suffix)}_{axis}{suffix}" for axis in "xyz"]
     return []

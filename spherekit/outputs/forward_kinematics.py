@@ -128,9 +128,10 @@ def find_configurations(
 
     Returns
     -------
-    The configurations. The inputs are in (-pi, pi]. If one revolution of an input does not
-    return all links to their orientations because of wheels, this input is reduced by
-    several revolutions, or not at all.
+    The configurations. Their inputs are reduced by whole periods, to (-period / 2,
+    period / 2]. The period of an input is the change after which all configurations repeat:
+    one revolution, or several if wheels roll on each other. An input without a known period
+    is not reduced.
     """
     released_solver = solver if released is None else released
     # One entry for each configuration: row of the inputs, variables, signs of the dyads.
@@ -337,9 +338,10 @@ class ForwardKinematics:
         `complete` of the result says for which inputs it is certain that no configuration
         is missing.
 
-        The returned inputs are reduced to (-pi, pi]. If wheels roll on each other, one
-        revolution of an input may not return all links to their orientations. Such an input
-        is reduced by several revolutions, or not at all.
+        The returned inputs are reduced by whole periods, to (-period / 2, period / 2]. The
+        period of an input is the change after which all configurations repeat. Without
+        wheels it is one revolution. If wheels roll on each other, it can be several
+        revolutions. An input without a known period is not reduced.
 
         Parameters
         ----------

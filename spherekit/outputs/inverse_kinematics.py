@@ -320,13 +320,15 @@ class InverseKinematics:
 
         - A dyad (two links) has the sign 1 or -1 for its two positions.
         - A group without a closed form has the sign 0.
-        - A bar, the last entry, has the sign 1 or -1. Only some mechanisms have a bar.
+        - A bar has the sign 1 or -1 for different turns of the output link. It is the last
+          entry. Only some mechanisms with a pointing output have a bar.
 
-        If the output is a direction, the output link can turn about it by an angle t. The
-        bar is a link that is joined to its two neighbours by two axes. It fits between them
-        only at certain angles t. The neighbours carry these axes, so the cosine c of the
-        angle between the axes depends on t. The sign of the bar is that of the derivative
-        dc/dt.
+        The pose of a pointing output is only a direction. The output link can still turn
+        about this direction by an angle t, and the other links follow. In some mechanisms
+        one link with two axes, the bar, determines t. Each of its two neighbours carries
+        one of the axes. Let c(t) be the cosine of the angle between these two axes. The bar
+        fits only if this angle is the arc of the bar. Several t can satisfy this. The sign
+        of the bar is that of the derivative dc/dt at t.
         """
         choices = [(1, -1) if group.is_dyad else (0,) for group in self._assembly.groups]
         if self._closing_link is not None:

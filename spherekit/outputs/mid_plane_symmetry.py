@@ -315,11 +315,9 @@ def _check_right_angles(
     """Raise `ModelError` if a carrier has an elbow axis not at right angles to the normal.
 
     An elbow is the middle axis of a leg. A carrier is a link that keeps elbows in the
-    mid-plane. It has axes along elbows and along the normal of the mid-plane. Elbows lie in
-    the mid-plane, so they are at right angles to its normal.
-
-    A later proof computes the orientation of each carrier from an elbow and the normal.
-    This is impossible if both are parallel.
+    mid-plane. It has axes along elbows and along the normal of the mid-plane. If an elbow
+    lies in the mid-plane, it is at right angles to the normal. A carrier with another angle
+    cannot keep its elbow in the mid-plane, so the mechanism has another architecture.
     """
     for link in structure.elbow_carriers:
         # Axes of the carrier by their kind.

@@ -337,7 +337,8 @@ def time_optimal(
     Parameters
     ----------
     rotation
-        A rotation about a fixed axis that the mechanism follows all the way.
+        A rotation of the output link about a fixed axis. The mechanism must be able to turn
+        the link by the whole angle.
     speed, acceleration
         Limits of the inputs, in `angle_unit` per s and per s2: one for all, or one for
         each. None stands for no limits.
@@ -352,10 +353,12 @@ def time_optimal(
     Raises
     ------
     SolveError
-        If no limit is given or one is not positive, the shape is no such law, the cycle
-        is not positive or the duration has more than `MAX_SCHEDULE_ROWS` cycles, nothing
-        that is limited moves, the mechanism does not follow all the way, or accelerations
-        are not known.
+        - If no limit is given, or a limit or the cycle time is not positive.
+        - If no shape has the name, or the law does not lead from 0 to 1.
+        - If the duration has more than `MAX_SCHEDULE_ROWS` cycles.
+        - If all limited speeds and accelerations are zero during the rotation.
+        - If the output link cannot turn by the whole angle, or if the accelerations of the
+          inputs are not known.
     """
     input_count = len(rotation.inputs)
     law, limits = schedule_limits(rotation.inputs, speed, acceleration, shape, cycle)

@@ -524,11 +524,15 @@ class SampledModes:
         return Completeness(Guarantee.SAMPLED, reason, sentence=sentence)
 
     def _search_free_wheels(self) -> Completeness:
-        """Find some assembly modes, if the inputs leave free how far wheels have rolled.
+        """Find some assembly modes, if the inputs do not determine the rolling of wheels.
 
-        Each way to mesh the wheels gives other modes, so there are infinitely many. A mode
-        of the reference pose (configuration in the file) is enough. Without it, up to
-        `MAX_SEARCHED_SAMPLES` samples are searched, until one has configurations.
+        The rolled length of two wheels is the arc by which they have rolled on each other.
+        The loops also close if the wheels are put together one tooth or one revolution
+        further on. If the inputs do not determine the rolled length, each possible length
+        gives other modes. So there are infinitely many modes, and only some can be found.
+
+        A mode of the reference pose (configuration in the file) is enough. Without it, up
+        to `MAX_SEARCHED_SAMPLES` samples are searched, until one has configurations.
 
         Returns
         -------

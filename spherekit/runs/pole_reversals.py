@@ -1,9 +1,10 @@
 """Finds the rows of a block between which the direction of a pole may reverse.
 
-A pole is the axis about which one link rotates relative to another. It is a line, so its
-direction is known up to a sign, which is chosen such that directions are continuous from
-row to row. A direction can reverse only where the relative angular velocity of the two
-links does. All other rows keep the sign of the row before and need not be compared.
+A pole is the axis about which one link rotates relative to another. Its unit vector is
+computed in the sense of the relative angular velocity of the two links. So it can reverse
+from row to row only where this velocity reverses. A sign in each row makes the vector
+continuous. Rows before which nothing reverses keep the sign of the row before and need not
+be compared. Poles that are the axis of a pair have a fixed sense and are left out.
 """
 
 from collections import defaultdict
@@ -35,9 +36,10 @@ MAX_ROWS_COMPARED = 256
 class ReversalGaps:
     """Pairs of rows between which the direction of a pole may reverse (gaps).
 
-    A pole is the axis about which one link rotates relative to another. It is a line, so
-    the sense of its direction is chosen to be continuous from row to row. A row is one
-    sample in one assembly mode. Directions are compared at both ends of a gap.
+    A pole is the axis about which one link rotates relative to another. Its direction is
+    computed in the sense of the relative angular velocity, which may reverse from row to
+    row. A row is one sample in one assembly mode. Directions are compared at both ends of a
+    gap, to find signs with which they are continuous.
 
     Attributes
     ----------
@@ -70,9 +72,10 @@ class InputReversals:
     """Where pole directions may reverse in a slice of rows, if one input moves.
 
     All other inputs are locked. A pole is the axis about which one link rotates relative to
-    another. It is a line, so its computed direction may reverse from row to row. A row is
-    one sample in one assembly mode, and a slice is a number of successive rows. The signs
-    of directions are later chosen such that directions are continuous.
+    another. Its direction is computed in the sense of the relative angular velocity, which
+    may reverse from row to row. A row is one sample in one assembly mode, and a slice is a
+    number of successive rows. The signs of directions are later chosen such that directions
+    are continuous.
 
     Attributes
     ----------
@@ -97,10 +100,10 @@ class InputReversals:
 class SliceReversals:
     """The rows of a slice between which pole directions may reverse.
 
-    A pole is the axis about which one link rotates relative to another. It is a line, so
-    its computed direction may reverse from row to row. The signs are later chosen such that
-    directions are continuous. Rows between which no direction may reverse need no
-    comparison for this.
+    A pole is the axis about which one link rotates relative to another. Its direction is
+    computed in the sense of the relative angular velocity, which may reverse from row to
+    row. The signs are later chosen such that directions are continuous. Rows between which
+    no direction may reverse need no comparison for this.
 
     A block has the rows of a group of samples in all assembly modes. It is divided into
     slices. A slice is a number of successive rows of one mode. Only rows with small error
@@ -131,10 +134,11 @@ def find_slice_reversals(
 ) -> SliceReversals:
     """Return the rows of a slice between which pole directions may reverse.
 
-    A pole is the axis about which one link rotates relative to another. It is a line, so
-    its computed direction may reverse from row to row. Later, a sign in each row makes the
-    direction continuous. Among the n rows given here, this sign can change only between
-    those that are returned. The other rows need not be compared.
+    A pole is the axis about which one link rotates relative to another. Its direction is
+    computed in the sense of the relative angular velocity, which may reverse from row to
+    row. Later, a sign in each row makes the direction continuous. Among the n rows given
+    here, this sign can change only between those that are returned. The other rows need not
+    be compared.
 
     A slice is a number of successive rows (samples) of one assembly mode. Its rows with
     large error bounds are left out here. `find_compared_rows` adds them, and the gaps
@@ -317,9 +321,9 @@ def find_compared_rows(
     """Return the rows of a block at which pole directions have to be compared.
 
     A row is one sample in one assembly mode. A block has the rows of a group of samples in
-    all modes. A pole is the axis about which one link rotates relative to another. It is a
-    line, so its computed direction may reverse from row to row. Each row therefore needs a
-    sign that makes the direction continuous.
+    all modes. A pole is the axis about which one link rotates relative to another. Its
+    direction is computed in the sense of the relative angular velocity, which may reverse
+    from row to row. Each row therefore needs a sign that makes the direction continuous.
 
     Two rows between which a direction may reverse are called a gap. Directions have to be
     compared at both rows of each gap, and at the first and the last row of each mode. Any
@@ -363,10 +367,14 @@ def _list_gaps_by_mode(
 ) -> dict[int, list[ReversalGaps]]:
     """Return where directions of poles may reverse in a block, for each assembly mode.
 
-    A pole is the axis of the relative rotation of two links. It is a line, so its computed
-    direction may reverse between two rows (samples). If this is possible for any pole, the
-    two rows are called a gap. The caller compares directions only at gaps. A gap is within
-    a slice (successive rows of one mode), or between two slices.
+    A block has the rows of a group of samples in all modes. A slice of the block is a
+    number of successive rows of one mode.
+
+    A pole is the axis of the relative rotation of two links. Its direction is computed in
+    the sense of the relative angular velocity of these links, so it reverses where the
+    velocity does. If the direction of at least one pole may reverse between two rows, the
+    two rows are called a gap. A gap lies within a slice, or between two slices of one mode.
+    The caller compares directions only at gaps.
 
     Parameters
     ----------
@@ -383,8 +391,8 @@ def _list_gaps_by_mode(
     for reversals in slices:
         gaps_by_mode[reversals.mode].append(reversals.by_input[input_index].gaps)
     for before, after in pairwise(slices):
-        # A pole has the direction of the relative angular velocity of its two links. Here
-        # are the velocities of all poles in the two rows between which the slices meet.
+        # (poles, 3) relative angular velocities in the last examined row of a slice, and in
+        # the first one of the next slice.
         last_velocities = before.by_input[input_index].last_velocities
         first_velocities = after.by_input[input_index].first_velocities
         keeps_direction = _keeps_direction(last_velocities, first_velocities)
@@ -415,8 +423,10 @@ def _gaps_beside(rows: Indices, is_uncertified: Bools) -> ReversalGaps:
 def _compare_at_gaps(rows: Indices, gap_lists: Sequence[ReversalGaps]) -> ComparedRows:
     """Return the rows at which the directions of poles have to be compared.
 
-    A pole (axis of the relative rotation of two links) is a line, so its computed direction
-    may reverse from row to row. Two rows between which this is possible are called a gap.
+    A pole is the axis of the relative rotation of two links. Its direction is computed in
+    the sense of the relative angular velocity, which may reverse from row to row. Two rows
+    between which this is possible are called a gap.
+
     To find the reversals, `continue_signs` compares the rows at both ends of each gap. The
     first row of the mode is added because the signs begin there. The last row is added
     because the signs of the next block of samples continue from there.

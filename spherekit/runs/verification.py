@@ -222,12 +222,12 @@ def compute_reference(
     Parameters
     ----------
     motion
-        The configurations of the run: n rows.
+        The n configurations of the run.
     requests
-        The poles that the run has evaluated: one request for each moving input. Without
-        requests, the first input moves.
+        The poles of the run: one request for each moving input. Without requests, the first
+        input moves.
     pole_fields
-        The poles as the run has computed them, one field for each request.
+        The computed poles: one field for each request.
     arithmetic
         The number of digits; see `exact_rows_by_input`, which also lists the errors that
         can be raised.
@@ -235,27 +235,20 @@ def compute_reference(
         (n, inputs) inputs in more digits than float64. By default the values of the motion.
     """
     all_rows = np.ones(len(motion), dtype=bool)
-    # The moving input of each request. Without requests it is the first input.
     input_pairs = [request.plan.input for request in requests]
     if not input_pairs:
         input_pairs = list(motion.assembly.inputs[:1])
-    # With `frames=None`, the reference uses the dimensions of the mechanism rounded to
-    # float64.
-    frames = None
-    # A run can compute rows near a dead centre from the decimal numbers of the file. If it
-    # has such rows, the reference uses the decimal numbers, too.
+    frames = None  # the reference then uses the dimensions rounded to float64
     if _has_decimal_rows(pole_fields):
+        # Near a dead centre, the run has used the decimal dimensions of the file, and so
+        # does the reference. `frames` has the axes and zero directions of all R pairs.
         arithmetic = arithmetic or Digits()
         with arithmetic.within():
-            # The axis and the zero direction of each revolute pair in its two links, with
-            # the decimal numbers.
             frames = read_decimals(motion.mechanism).revolute_frames()
-    # For each moving input: configurations and rates in many digits.
     exact = exact_rows_by_input(
         motion, all_rows, input_pairs, arithmetic, inputs=inputs, frames=frames
     )
-    # The values for all moving inputs have the same configurations, so the configurations
-    # of the first input are taken.
+    # The configurations are the same for all moving inputs.
     return ReferenceRows(
         exact=exact,
         motion=exact_motion(motion, all_rows, exact[0]),

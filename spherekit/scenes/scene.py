@@ -73,8 +73,9 @@ class Body:
     Attributes
     ----------
     path : str
-        Address (entity path) of the link below its page in a recording for the 3D viewer,
-        such as ``link/3``.
+        Address (entity path) of the link in a recording for the 3D viewer, such as
+        ``link/3``. A recording can have several pages, for example one for each assembly
+        mode. The address of the page is put before this one.
     label : str
         Name of the link.
     curves : sequence of arrays (k, 3)

@@ -242,15 +242,15 @@ class Relation:
 class ThirdAxis:
     """The third pole axis of the relation c y' = d q' between the rates of three links.
 
-    Input and output are rotations of one link relative to another, with the rates q' and y'
-    about the pole axes u_q and u_y. If input and output share a link, there are three links
-    and a third relative rotation. It has the rate r' about the axis p, and this
-    rotation is the difference or the sum of the other two:
+    Input and output are rotations of a moving link relative to a reference link, with the
+    rates q' and y' about the pole axes u_q and u_y. If input and output share a link, there
+    are three links and a third relative rotation. It has the rate r' about the axis p, and
+    this rotation is the difference or the sum of the other two:
 
-    - y' u_y - q' u_q = r' p if the shared link is the moving link of both, or the reference
-      link of both. Then c = n . (u_y x p) and d = n . (u_q x p).
-    - y' u_y + q' u_q = r' p if the shared link is the moving link of one and the reference
-      link of the other. Then c = n . (u_y x p) and d = -n . (u_q x p).
+    - Difference, y' u_y - q' u_q = r' p: input and output have the same moving link, or the
+      same reference link. Then c = n . (u_y x p) and d = n . (u_q x p).
+    - Sum, y' u_y + q' u_q = r' p: the shared link is the moving link of one of them and the
+      reference link of the other. Then c = n . (u_y x p) and d = -n . (u_q x p).
 
     The formulas follow from the vector product of each equation with p, which eliminates
     r', and the scalar product with n, the unit normal of the plane of all three axes.
@@ -263,12 +263,16 @@ class ThirdAxis:
     sign_of_d
         1 or -1, the sign in the formula of d.
     label_suffix
-        End of the label of a condition for a singularity. A label such as "II.3" has the
-        type of the singularity (II), followed by this suffix (".3"). The suffix says which
-        link input and output share: it is ".2" if their moving links are the same, and ".3"
-        if their reference links are the same. The numbers follow R. Di Gregorio's lecture
-        on the singularity analysis of spherical mechanisms. In other cases, and in form
-        "ii", the suffix is empty.
+        End of the label of a singularity condition. The label "II.3", for example, consists
+        of the type of the singularity, "II", and the suffix ".3". The suffix is the number
+        of a case in R. Di Gregorio's lecture on the singularity analysis of spherical
+        mechanisms:
+
+        - ".2": input and output have the same moving link.
+        - ".3": input and output have the same reference link.
+        - Empty: the shared link is the moving link of one and the reference link of the
+          other. The suffix is also empty for every relation of the form "ii" (see
+          `Relation`).
     """
 
     name: str
@@ -413,9 +417,13 @@ def make_relation(
 def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) -> Floats:
     """Return unit vectors in the plane of three axes, at right angles to the third axis.
 
-    The axes belong to the relative rotations of three links. A scalar product with such
-    a vector eliminates the rotation about the third axis. The products with the axes of
-    output and input are the coefficients of the relation between their rates.
+    The axes belong to the relative rotations of three links: the output (rate y', axis
+    u_y), the input (rate q', axis u_q) and a third rotation (rate r', axis p). The third
+    angular velocity is the difference or the sum of the other two: y' u_y -+ q' u_q = r' p.
+
+    A vector v of the result is perpendicular to p. The scalar product of this equation with
+    v is therefore y' (u_y . v) -+ q' (u_q . v) = 0. So the caller gets the coefficients of
+    the relation c y' = d q' as c = u_y . v and d = +-u_q . v.
 
     Parameters
     ----------
@@ -437,7 +445,8 @@ def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) ->
     normals[~has_plane] = np.nan
     third_axis = getattr(poles, third_name)
     # The normals of the plane get signs with which none is opposite to the one before. The
-    # product of such a normal with the third axis is a vector in the plane.
+    # cross product of the third axis and a normal lies in the plane and is perpendicular to
+    # the third axis.
     return cross(third_axis, _with_continuous_signs(normals))
 
 

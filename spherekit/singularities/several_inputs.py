@@ -563,30 +563,35 @@ def _turning_directions(angular_velocity: Floats, sizes: Floats) -> Floats:
 
 
 def _discard_ambiguous_motions(sizes: Floats, input_rates: Floats) -> Floats:
-    """Return the sizes (n, g) of motions with NaN for those that are not unique.
+    """Return the sizes (n, g) of motions, with NaN where a motion is not unique.
 
     Motion i of the g motions moves input i while the other inputs are locked. Its size is
     the norm of all its rates. The caller divides by this size.
 
-    All motions that close the loops are combinations of g orthonormal basis motions. The
-    rates of the inputs in the basis motions are a matrix, with a row for each input. The
-    coefficients of motion i are column i of the adjugate: determinants of this matrix
-    without row i and one column. If the links can move in several ways while the other
-    inputs are locked, the remaining rows are dependent. All these determinants, and the
-    size of motion i, are then zero up to rounding.
+    At some singularities the links can move in several ways while all inputs but input i
+    are locked. Motion i is then not unique, and its computed size is zero up to rounding.
+    NaN replaces this size, so that quotients are NaN and not rounding errors.
+
+    The size is zero for this reason. All motions are combinations of g orthonormal basis
+    motions. The coefficients of motion i are column i of the adjugate of `input_rates`. Up
+    to its sign, each of these coefficients is a determinant of the rows of the locked
+    inputs without one column. If these rows are linearly dependent, the links can move in
+    several ways, and all these determinants are zero.
 
     Parameters
     ----------
     sizes
         (n, g) the sizes.
     input_rates
-        (n, g, g) the matrix: rates of the g inputs (rows) in the basis motions (columns).
+        (n, g, g) rates of the g inputs (rows) in the basis motions (columns).
     """
+    # A size counts as zero if it is very small compared with the largest of the g sizes.
     largest_size = np.max(sizes, axis=1, keepdims=True)
     is_unique = sizes > SINGULAR_TRANSMISSION * largest_size
     if input_rates.shape[1] > 1:
-        # If the links can move in two ways while all inputs rest, all sizes are zero, and
-        # their ratios are rounding. Two singular values of the matrix are then zero, too.
+        # This comparison fails if all sizes are zero, because ratios of the sizes are then
+        # rounding errors. All sizes are zero if the links can move in two ways while all
+        # inputs rest. Two singular values of `input_rates` are then zero.
         second_smallest = decompose(input_rates).values[:, -2]
         is_unique &= second_smallest[:, None] > SINGULAR_TRANSMISSION
     return np.where(is_unique, sizes, np.nan)

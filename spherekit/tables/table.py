@@ -365,7 +365,8 @@ def input_columns(mechanism: Mechanism, values: Floats, name: str = "q") -> dict
     values
         (n, inputs) values of the quantity in n rows.
     name
-        Name of the column, to which the names of several inputs are appended.
+        Name of the column of a single input. If there are several inputs, the name of each
+        column is this name and the name of the driven pair, such as ``q_left``.
     """
     columns = Table("", "", (Column(name, "", "", per_input=True),)).of(mechanism).columns
     return {c.name: values[:, k] for k, c in enumerate(columns)}

@@ -30,8 +30,9 @@ def compile_shared_library(path, language):
 def c_function(path, name, count, language):
     """Compile an exported C or C++ function and return it as a function of columns.
 
-    Tests call it with arrays `columns` (k, n), one for each argument of the exported
-    function: k numbers in each of n rows. It returns the results (count, n).
+    The exported function computes the results of one row. Tests call the returned function
+    for n rows at once. Its arguments `columns` are arrays (k, n), one for each argument of
+    the exported function, which has k numbers. It returns the results (count, n).
 
     Parameters
     ----------
@@ -79,8 +80,9 @@ def rows_as_lists(columns):
 def js_function(path, name):
     """Return an exported JavaScript function, run by Node, as a function of columns.
 
-    Tests call it with arrays (k, n), one for each argument of the exported function `name`:
-    k numbers in each of n rows. It returns the results (count, n).
+    Each argument of the exported function `name` is a vector. Tests give n vectors of k
+    numbers at once, as the columns of an array (k, n). The returned array (count, n) has a
+    column of results for each call.
     """
 
     def evaluate_columns(*columns):
@@ -117,8 +119,9 @@ def casadi_function(path, name):
 def julia_function(path, name):
     """Return an exported Julia function as a function of columns.
 
-    Tests call it with arrays (k, n), one for each argument of the exported function `name`:
-    k numbers in each of n rows. It returns the results (count, n). A program written here
+    Each argument of the exported function `name` is a vector. Tests give n vectors of k
+    numbers at once, as the columns of an array (k, n). The returned array (count, n) has a
+    column of results for each call. A program written here
     calls the function once for each row, and its output is read.
     """
 

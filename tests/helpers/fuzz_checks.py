@@ -51,7 +51,7 @@ from the rank of its equations. This takes long for many links.
 
 @dataclass
 class Tally:
-    """Statuses of many random mechanisms, counted, and the faults found in their results.
+    """Counts of the statuses of many random mechanisms, and the faults in their results.
 
     A fault is a wrong number that is called OK, or a number in a failed row. A row is one
     sample in one assembly mode.

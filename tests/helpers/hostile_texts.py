@@ -129,7 +129,7 @@ def find_free_fields():
 
 
 def hostile_file(text, name="four_bar"):
-    """Return the file of a shipped mechanism with a text in every field of free text.
+    """Return the file of a shipped mechanism with a text in every field for any text.
 
     Tests use texts that some language would read as code, and check that exports escape
     them. The text is also put into a comment, and into the table `user` as a key and a
@@ -137,7 +137,8 @@ def hostile_file(text, name="four_bar"):
     """
     data = tomllib.loads((ROOT / f"mechanisms/{name}.toml").read_text("utf-8"))
     for *table_names, key in find_free_fields():
-        # "*" stands for any name, so it is no table of this file.
+        # In the path of a field, "*" stands for a table with any name, such as a link. The
+        # text cannot be put there, since this name is not known.
         assert "*" not in table_names, f"{table_names}: unknown where this text is put"
         table = data
         for table_name in table_names:

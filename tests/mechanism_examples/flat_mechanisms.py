@@ -21,7 +21,8 @@ def random_crossing_arcs(random, kind):
     kind
         One of `KINDS`. A vertex has arcs a, b, c, d, one after another, that satisfy one of
         two conditions: a + c = b + d = 180 degrees (Kawasaki's condition for a sheet of
-        paper), or a + c = b + d with another sum.
+        paper), or a + c = b + d with another sum. A kite has two pairs of equal adjacent
+        arcs. A parallelogram has equal opposite arcs. All arcs of a rhombus are equal.
 
     Returns
     -------

@@ -241,7 +241,8 @@ def serial_chain(count):
     variable is 0. Pair q has the zero 0.5, so that tests also see a zero other than the
     default 0.
     """
-    # By link: names of its axes, arcs between them and angles between arcs (both deg).
+    # By link: names of its axes, arcs from the first axis to the other axes, and angles
+    # between arcs (both deg). An angle needs three axes, so there is none here.
     links = {"base": ("p", [], []), "yoke": ("p q", [80.0], [])}
     pairs = {"p": "base yoke", "q": "fork yoke"}
     if count == 2:
@@ -291,11 +292,20 @@ def crank_rocker(base=60.0, crank=20.0, coupler=70.0, rocker=40.0, zero=0.0, **m
 
 
 def two_followers(contact_links=("3", "5"), contact="external"):
-    """Return cams 2 and 3, which pair 23 joins, with the followers 4 and 5 on the ground.
+    """Return a mechanism with two inputs, two cams in series and a follower for each cam.
 
-    Cam 2 slides on follower 4 and cam 3 on follower 5 (pairs of type Cs). All profiles are
-    circles. `contact_links` is the order of the links in contact 35, and `contact` is
-    `"external"` or `"internal"`.
+    Cam 2 turns about the ground, and cam 3 about cam 2 (pairs 12 and 23, the inputs). The
+    followers 4 and 5 turn about the ground. Cam 2 slides on follower 4 and cam 3 on
+    follower 5 (contacts 24 and 35, of type Cs). All profiles are circles. If input 23 is
+    locked, cam 3 becomes a part of cam 2, which then has both contacts.
+
+    Parameters
+    ----------
+    contact_links
+        The links of contact 35 in the order of the file: `("3", "5")` or `("5", "3")`.
+    contact
+        `"external"` or `"internal"`. In an internal contact, the circle of the first link
+        lies within that of the second link.
     """
     degree = np.pi / 180.0
     # On the ground, the arcs from axis 12 to the axes 14 and 15 form an angle of 50 deg.
@@ -309,11 +319,11 @@ def two_followers(contact_links=("3", "5"), contact="external"):
     }
 
     def circle(colatitude_deg, radius_deg):
-        """Return a circle, its centre at an arc from the z axis of its link."""
+        """Return a circle; `colatitude_deg` is the arc from the z axis to its centre."""
         centre = direction_at_colatitude(colatitude_deg * degree)
         return Profile("circle", centre, radius_deg * degree)
 
-    # The first circle of an internal contact is inside the second one.
+    # The second circle of an internal contact has to be the larger one.
     first, second = contact_links
     radii_deg = {first: 15.0, second: 60.0 if contact == "internal" else 20.0}
     circles = {"3": circle(12.0, radii_deg["3"]), "5": circle(50.0, radii_deg["5"])}

@@ -65,8 +65,10 @@ def straight_mechanism(seed):
 
     - 0: an arc of the four-bar differs from 0 or 180 degrees by 1e-2 to 1e-9 degrees.
     - 1: the four-bar nearly has a change point, at which all its links are on one great
-      circle. Its fourth arc is by 1e-1 to 1e-9 degrees longer than such a four-bar needs.
-    - 2: one of the arcs of which dyads are made is as near to 0 or 180 degrees.
+      circle. Its fourth arc is 1e-1 to 1e-9 degrees longer than that of a four-bar with a
+      change point.
+    - 2: one of the arcs of which dyads are made differs from 0 or 180 degrees by 1e-2 to
+      1e-9 degrees.
     """
     # The offset gives other random numbers than those of `special_mechanism(seed)`.
     random = np.random.default_rng(seed + 10**6)
@@ -161,8 +163,8 @@ def four_bar(arcs):
 def _with_dyad(random, mechanism, sizes_deg):
     """Return the mechanism with a dyad: two links in a row between two of its links.
 
-    The two links are chosen at random. Each gets a further axis, to which the dyad is
-    joined.
+    In this way a four-bar becomes a six-bar, and a six-bar an eight-bar. The two links are
+    chosen at random. Each gets a further axis, to which the dyad is joined.
 
     Parameters
     ----------
@@ -171,8 +173,8 @@ def _with_dyad(random, mechanism, sizes_deg):
     mechanism
         Mechanism with links numbered from 1.
     sizes_deg
-        Arcs (degrees) that are drawn from; both new links have the same arc in half the
-        cases.
+        The arcs (degrees) from which each new arc is chosen at random. In half the cases,
+        both new links have the same arc.
     """
     links = dict(mechanism.geometry.links)
     first_end, second_end = map(str, random.choice(mechanism.links, 2, replace=False))

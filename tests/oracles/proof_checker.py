@@ -238,9 +238,10 @@ class Sizes:
     def axes(self, link):
         """Return the joint axes (3,) of a link by their pairs, with the first axis on z.
 
-        The file states each other axis by its arc from the first axis, and from the third
-        axis on by an angle about the first axis. This angle counts from the second axis,
-        which lies towards y. All numbers are balls (numbers with a rigorous error bound).
+        The file states the arc of each other axis from the first axis. The second axis is
+        in the half plane of z and positive y. For each further axis, the file also states
+        an angle about the first axis, counted from the second axis. All numbers are balls
+        (numbers with a rigorous error bound).
         """
         item = self.data["links"][link]
         first_pair, *other_pairs = item["axes"]
@@ -255,8 +256,8 @@ class Sizes:
                 azimuth = self.angle("0")
             else:
                 azimuth = self.angle(item["angles"][number - 1]) + self.slack
-            st, ct = azimuth.sin_cos()
-            axes[pair] = np.array([-s * st, s * ct, c])
+            azimuth_sine, azimuth_cosine = azimuth.sin_cos()
+            axes[pair] = np.array([-s * azimuth_sine, s * azimuth_cosine, c])
         return axes
 
     def frame(self, pair, link):
@@ -552,8 +553,9 @@ class System:
 class PolynomialEquations:
     """Equations of links, polynomials in the e^(i angle) of pairs or in their inverses.
 
-    A dual array has its value at index 0 of the first axis, then its derivatives by these
-    numbers of the unknowns, then by the angles of the pairs `moving`.
+    The numbers e^(i angle), or their inverses, of the pairs `unknowns` are the unknowns. A
+    dual array has its value at index 0 of the first axis. Then follow its derivatives by
+    the unknowns, and those by the angles of the pairs `moving`.
     """
 
     def __init__(self, system, links, unknowns, inverse, moving=()):
@@ -573,9 +575,12 @@ class PolynomialEquations:
         return parts_of([self._place_on_axes(link)[0] for link in self.links])
 
     def _matrix_and_scale(self, link):
-        """Return the matrix from a link to the link before it, and its scale.
+        """Return the scaled matrix from a link to the link before it, and the scale.
 
-        The matrix is multiplied by the scale.
+        The matrix takes vectors from the coordinates of the link to those of the link
+        before it. For a link that closes a loop, this is the common link of
+        `_place_on_axes`. The matrix is multiplied by the scale, so that its entries are
+        polynomials in the unknowns.
         """
         if link not in self.done:
             self.done[link] = (
@@ -705,16 +710,24 @@ class PolynomialEquations:
         return [*self._path(placement.parents[0]), link]
 
     def _place_on_axes(self, link):
-        """Return the equation of a link that closes a loop, its matrix, and its scale.
+        """Return the closure equation of a link, the matrix that places it, and its scale.
 
-        The link is joined by two pairs to two links placed before it, its parents. A path
-        is the list of links from the root (first link) to a parent. The common link is the
-        last one that both paths share. The equation says that the arc between the axes of
-        both pairs, as the parents place them, is the arc of the link.
+        The link closes a loop: two pairs join it to two links placed before it, its
+        parents. A path is the list of links from the root (first link) to a parent. The
+        common link is the last one that both paths share.
 
-        The matrix takes vectors from the coordinates of the link to those of the common
-        link, and multiplies them by the scale. The scale is the product of the denominators
-        of all rotations on both paths, so that the matrix is polynomial in the unknowns.
+        - The equation says that the arc between the axes of both pairs, as the parents
+          place them, is the arc of the link.
+        - The matrix takes vectors from the coordinates of the link to those of the common
+          link, and multiplies them by the scale. Links that are placed later need it for
+          their own equations.
+        - The scale makes equation and matrix polynomial in the unknowns. An unknown is the
+          number z = e^(i angle) of a pair, or its inverse. The cosine of the angle is
+          (z^2 + 1) / (2 z), so the rotation about the pair has the denominator z. The scale
+          is the product of all denominators between the common link and both parents.
+
+        This method computes the axes in the common link, along the paths. The function
+        `place_on_axes` computes the equation and the matrix from them.
 
         Results are dual arrays: index 0 of the first axis is the value, further indices are
         its derivatives.
@@ -1403,9 +1416,9 @@ def check_singularities(equations, system, certificate, chains):
     certificate
         Certificate (file of a proof) with the stops of each curve.
     chains
-        Two lists for each curve. Boxes in a row along the curve, its pieces, cover it. The
-        first list has the `Arc` of each piece, the part of the curve in it. The second list
-        has the piece that follows each one.
+        Two lists for each curve. A curve is covered by a sequence of boxes, its pieces. The
+        first list has the `Arc` of each piece: the part of the curve inside it. The second
+        list has the next piece for each of these. The last piece of an open curve has none.
     """
     sizes = system.sizes
     outputs = list(sizes.data.get("outputs", {}).items())

@@ -261,32 +261,36 @@ class Wheels:
     def _place_path(self, path, angles):
         """Return the axes of all pairs on a path, and the rotation of its last link.
 
-        Both are relative to the first link of the path.
+        A path leads from its first link over R pairs (revolute joints) to its last link.
+        The links are placed at given angles of the pairs. `slips` computes the gap and the
+        slip of two wheels from the result. The wheels are the first and the last link.
 
         Parameters
         ----------
         path, angles
-            Pairs in order (`PairOnPath`), and the angle (rad) of each as a ball, a number
-            with an error bound.
+            Pairs in the order of the path (`PairOnPath`), and the angle (rad) of each pair
+            as a ball, a number with an error bound.
 
         Returns
         -------
         axis_by_pair
-            (3,) unit vectors in axes of the first link: the angular velocity of the link
-            after the pair relative to the link before it, at unit rate.
+            (3,) unit vector on the axis of each pair, in axes of the first link. It is the
+            angular velocity of the link after the pair relative to the link before it, if
+            the angle of the pair grows at the rate 1.
         rotation
             (3, 3) rotation from the axes of the last link to those of the first.
         """
-        # From the axes of the link reached so far to those of the first link.
+        # Rotation from the axes of the link reached so far to those of the first link.
         rotation = ball(np.eye(3))
         axis_by_pair = {}
         for step, angle in zip(path, angles, strict=True):
             before = self.sizes.frame(step.pair, step.link_before)
             after = self.sizes.frame(step.pair, step.link_after)
             axis_by_pair[step.pair] = step.sense * (rotation @ before[:, 2])
-            # The third axis of both frames is the axis of the pair, about which it turns.
-            # The sense is -1 if the path leads from the second link of the pair to the
-            # first.
+            # `before` and `after` are the frames of the pair in the two links that it
+            # joins. Their third column is the axis of the pair. The pair turns one frame
+            # relative to the other about this axis. The sense is -1 if the path leads from
+            # the second link of the pair to the first.
             s, c = angle.sin_cos()
             rotation_of_pair = spin(c, step.sense * s, 1)
             rotation = rotation @ before @ rotation_of_pair @ after.T
@@ -345,9 +349,9 @@ def check_rolling(wheels, contact):
     degree 2 in the angle of each pair. So values at five angles of each pair bound them at
     all angles. `need` refuses the certificate if a condition is false.
 
-    The result has the slip (3,) at the contact by pair, while this pair turns alone at unit
-    rate, in the last of these positions. The caller shows with these slips that no other
-    ratios roll in this position. So no others roll in all positions.
+    The result has a slip (3,) for each pair: that at the contact while this pair turns
+    alone at unit rate, in the last of these positions. The caller uses the slips to show
+    that wheels with any other ratios slip in this position (`check_wheels`).
     """
     path = wheels.path_between_wheels(contact)
     need(len(path) <= MAX_PAIRS, "too many pairs between two wheels")

@@ -125,13 +125,15 @@ def closure_gap(mechanism, rotations, frames):
 def least_misfit(ends, axes, locked, link, reference_link, direction=None):
     """Return how strongly pairs (joints) resist a rotation of a link while some are locked.
 
-    The result is 0 if the link can move relative to the reference link although these pairs
-    are locked. It is 1 if all pairs are locked.
+    Tests lock the inputs, and compare the measure of singularities of type II with the
+    result. The result is 0 if the link can move relative to the reference link although
+    the pairs in `locked` are locked. It is 1 if all pairs are locked.
 
-    The misfit of rates (angular velocities) of links is the norm of the residuals of the
-    velocity equations, which say what the pairs allow. The link gets a unit rate, and all
-    other links get the rates with the least misfit. This least misfit is divided by its
-    value if all pairs are locked.
+    The velocity equations E w = 0 say which rates w (angular velocities of all links) the
+    pairs allow. The misfit of rates w is the norm |E w| of their residuals. The link gets a
+    rate of size 1 relative to the reference link. This rate and the rates of all other
+    links are those with the least misfit. The least misfit is divided by the least misfit
+    with all pairs locked.
 
     Parameters
     ----------
@@ -150,8 +152,8 @@ def least_misfit(ends, axes, locked, link, reference_link, direction=None):
         equations = velocity_equations(ends, axes, held=locked_pairs)
         return largest_rate(equations, link, reference_link, direction)
 
-    # Misfits are proportional to rates. So the least misfit at unit rate is 1 divided by
-    # the largest rate at unit misfit.
+    # The misfit is proportional to the rates. So the least misfit if the rate of the link
+    # is 1 is the reciprocal of the largest rate of the link if the misfit is 1.
     all_pairs = range(len(ends))
     return rate_at_unit_misfit(all_pairs) / rate_at_unit_misfit(locked)
 
