@@ -109,16 +109,8 @@ class SurfaceDerivatives:
 class SurfaceCurvatures:
     """Second derivatives of a surface of positions near a loss of rank, as balls.
 
-    Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
-    mechanism in n variables z. Near a crossing of curves, the derivatives F' are nearly
-    singular: l F' is nearly 0 for a constant unit vector l. So small changes of z hardly
-    change the component of F along l. The equations F(z) = g l leave this component free.
-    Its value g is a new unknown number, the level.
-
-    These n - 1 equations have n + 1 unknowns, z and g. Two more equations give the values
-    of two coordinates u and v of z, which are linear functions of z. Then z and g are
-    determined, so they are functions of u and v. The points z form a surface. The
-    configurations are the points of the surface with g = 0.
+    Balls are numbers with a bound of their error. `SurfaceDerivatives` explains the surface,
+    its coordinates u and v, the variables z and the level g.
 
     The second derivatives are used to find the point where the gradient of g is 0. Only
     there can curves g = 0 cross. The signs and sizes of these derivatives also give the
@@ -213,13 +205,8 @@ class ReducedEquation:
 
         A proof about a saddle of the level needs the gradient of the level.
 
-        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
-        change the component of F along l. The equations F(z) = g l leave this component
-        free. Its value g is a new unknown number, the level. With given values of two
-        coordinates u and v of z, these equations determine z and g as functions of u and v.
-        The points z form a surface. Where g(u, v) is 0, z is a configuration.
+        With given coordinates u and v, the equations F(z) = g l determine the variables z
+        and the level g. The points z form the surface (see the class).
 
         u and v are the coordinates along the first two columns of `frame`. If F(z) = g l
         has an error, the result also contains the step of Newton's method that removes this
@@ -251,13 +238,8 @@ class ReducedEquation:
     ) -> tuple[SurfaceDerivatives, SurfaceCurvatures]:
         """Return the first and second derivatives of a surface of positions and its level.
 
-        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
-        change the component of F along l. The equations F(z) = g l leave this component
-        free. Its value g is a new unknown number, the level. With given values of two
-        coordinates u and v of z, these equations determine z and g as functions of u and v.
-        The points z form a surface. Where g(u, v) is 0, z is a configuration.
+        With given coordinates u and v, the equations F(z) = g l determine the variables z
+        and the level g. The points z form the surface (see the class).
 
         Curves g(u, v) = 0 can cross only where the gradient of g is 0. All derivatives
         serve to find this point. The second ones also show whether g has a saddle there.
@@ -300,13 +282,8 @@ class ReducedEquation:
     def _solve_first_order(self, slopes: Array, residual: Array) -> Array:
         """Return a Newton step to a surface of positions, and derivatives of the surface.
 
-        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
-        change the component of F along l. The equations F(z) = g l leave this component
-        free. Its value g is a new unknown number, the level. With given values of two
-        coordinates u and v of z, these equations determine z and g as functions of u and v.
-        The points z form a surface. Where g(u, v) is 0, z is a configuration.
+        With given coordinates u and v, the equations F(z) = g l determine the variables z
+        and the level g. The points z form the surface (see the class).
 
         The coordinates are u = a . z + constant and v = b . z + constant, with constant
         vectors a and b. Let z' and g' be the changes of z and g by Newton's step, or their
@@ -338,13 +315,8 @@ class ReducedEquation:
     def _solve_second_order(self, slopes: Array, curvatures: Array, rates: Array) -> Array:
         """Return second derivatives of a surface of positions, also along a Newton step.
 
-        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
-        change the component of F along l. The equations F(z) = g l leave this component
-        free. Its value g is a new unknown number, the level. With given values of two
-        coordinates u and v of z, these equations determine z and g as functions of u and v.
-        The points z form a surface. Where g(u, v) is 0, z is a configuration.
+        With given coordinates u and v, the equations F(z) = g l determine the variables z
+        and the level g. The points z form the surface (see the class).
 
         The coordinates are u = a . z + constant and v = b . z + constant, with constant
         vectors a and b. A given z has an error r = F(z) - g l, which a step of Newton's
@@ -387,13 +359,8 @@ class ReducedEquation:
     def _border(self, slopes: Array) -> Array:
         """Return the matrix (n + 1, n + 1) that relates changes near a crossing of curves.
 
-        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
-        change the component of F along l. The equations F(z) = g l leave this component
-        free. Its value g is a new unknown number, the level. With given values of two
-        coordinates u and v of z, these equations determine z and g as functions of u and v.
-        The points z form a surface. Where g(u, v) is 0, z is a configuration.
+        With given coordinates u and v, the equations F(z) = g l determine the variables z
+        and the level g. The points z form the surface (see the class).
 
         The coordinates are u = a . z + constant and v = b . z + constant; a and b are the
         first two columns of `frame`. `slopes` (k, n) are the derivatives F'. Let z' be a
@@ -421,13 +388,8 @@ class ReducedEquation:
     def find_critical_point(self, position: Array) -> Array:
         """Return the point near a position at which curves of configurations may cross.
 
-        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
-        change the component of F along l. The equations F(z) = g l leave this component
-        free. Its value g is a new unknown number, the level. With given values of two
-        coordinates u and v of z, these equations determine z and g as functions of u and v.
-        The points z form a surface. Where g(u, v) is 0, z is a configuration.
+        With given coordinates u and v, the equations F(z) = g l determine the variables z
+        and the level g. The points z form the surface (see the class).
 
         At the returned point both slopes of g(u, v) are 0. If g itself is 0 there, and has
         a saddle there, curves of configurations cross. Newton's method solves F(z) = g l
@@ -465,13 +427,8 @@ class ReducedEquation:
     def _step_to_critical_point(self, position: Array) -> Array:
         """Return the Newton step of all variables to a point where curves may cross.
 
-        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
-        change the component of F along l. The equations F(z) = g l leave this component
-        free. Its value g is a new unknown number, the level. With given values of two
-        coordinates u and v of z, these equations determine z and g as functions of u and v.
-        The points z form a surface. Where g(u, v) is 0, z is a configuration.
+        With given coordinates u and v, the equations F(z) = g l determine the variables z
+        and the level g. The points z form the surface (see the class).
 
         Curves g(u, v) = 0 can cross only where the gradient of g is 0. The step has two
         parts, which are added:
@@ -517,13 +474,8 @@ class ReducedEquation:
     ) -> tuple[Ball, Array]:
         """Return the level and its slopes, with error bounds, near an approximate position.
 
-        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the derivatives F' (k, n) nearly lose a rank: l F' is nearly 0
-        for a constant unit vector l (`left_null_vector`). So small changes of z hardly
-        change the component of F along l. The equations F(z) = g l leave this component
-        free. Its value g is a new unknown number, the level. With given values of two
-        coordinates u and v of z, these equations determine z and g as functions of u and v.
-        The points z form a surface. Where g(u, v) is 0, z is a configuration.
+        With given coordinates u and v, the equations F(z) = g l determine the variables z
+        and the level g. The points z form the surface (see the class).
 
         A proof about a saddle of g needs the level g and its slopes at one point of the
         surface. The given z is only near the surface: z and g satisfy F(z) = g l
