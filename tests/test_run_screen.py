@@ -753,7 +753,7 @@ def test_dead_centres_are_excluded_at_the_samples_only(capsys, tmp_path):
     path = tmp_path / "gap.toml"
     path.write_text(text)
     printed = print_run(capsys, path, "--samples", "8")
-    assert "a dead centre) at the samples of this range. One between" in printed
+    assert "a dead centre) at the samples of this range; -a singularities" in printed
     assert "in this range" not in printed
 
 

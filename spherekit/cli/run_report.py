@@ -17,7 +17,7 @@ from spherekit.cli.motion_screen import (
 )
 from spherekit.cli.place_text import PlaceText, angle_text
 from spherekit.cli.screen_report import ScreenReport
-from spherekit.cli.singularity_text import describe_singularities, is_far_from_type_2
+from spherekit.cli.singularity_text import describe_singularities
 from spherekit.conventions import Lines
 from spherekit.files.library import find, is_study
 from spherekit.number_text import (
@@ -340,14 +340,11 @@ def _describe_dead_centres(summary: Any) -> Lines:
             text = listing(texts, MAX_LISTED_EVENTS)
             modes_by_places.setdefault(text, []).append(mode["number"])
     if not modes_by_places:
-        between_samples = "One between two samples could be missed."
-        if is_far_from_type_2(summary) and not place_text.are_samples_far_apart:
-            between_samples = (
-                "All samples are far from one, so none is likely between them."
-            )
-        return [
-            f"No mode has {TYPE_2_TEXT} at the samples of this range. {between_samples}"
-        ]
+        text = f"No mode has {TYPE_2_TEXT} at the samples of this range"
+        analyses = {analysis["name"] for analysis in summary["analyses"]}
+        if "singularities" in analyses:
+            return [f"{text}."]
+        return [f"{text}; -a singularities also searches between them."]
     name = place_text.named  # of the input
     # The places are intervals if samples are far apart, otherwise values.
     where = f"at {name}" if place_text.are_samples_far_apart else f"near {name} ="

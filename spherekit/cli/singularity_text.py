@@ -26,13 +26,6 @@ NEAR_SHARE = 0.02
 a transmission measure or angle, counts as nearly 0. Larger: more configurations are called
 nearly singular."""
 
-FAR_SHARE = 0.1
-"""Share of its largest value from which a transmission measure or angle is far from 0.
-
-Samples with smaller values could be beside a singularity between two samples, and the
-screen says so. Larger: the screen says so more often.
-"""
-
 EQUAL_VALUES_SHARE = 1e-6
 """Share of the largest value up to which modes are equally near to a singularity.
 
@@ -86,28 +79,6 @@ def describe_singularities(summary: Any) -> Lines:
             "them exactly, and searches between the samples, too."
         )
     return lines
-
-
-def is_far_from_type_2(summary: Any) -> bool:
-    """Whether all samples of a run are far from singularities of type II.
-
-    At such a singularity the locked inputs do not hold the output. The transmission measure
-    or the least transmission angle is 0 there. The result is False if an assembly mode has
-    neither of them.
-
-    Parameters
-    ----------
-    summary
-        The content of ``summary.json``, the file with the main results of the run.
-    """
-    for number, entry in summary["overview"]["modes"].items():
-        nearest_samples = list(_list_nearest_samples(int(number), entry))
-        if not nearest_samples:
-            return False
-        for sample in nearest_samples:
-            if sample.transmission <= FAR_SHARE * sample.best_transmission:
-                return False
-    return True
 
 
 class _Statement(NamedTuple):

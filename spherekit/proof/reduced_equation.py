@@ -109,8 +109,8 @@ class SurfaceDerivatives:
 class SurfaceCurvatures:
     """Second derivatives of a surface of positions near a loss of rank, as balls.
 
-    Balls are numbers with a bound of their error. `SurfaceDerivatives` explains the surface,
-    its coordinates u and v, the variables z and the level g.
+    Balls are numbers with a bound of their error. `SurfaceDerivatives` explains the
+    surface, its coordinates u and v, the variables z and the level g.
 
     The second derivatives are used to find the point where the gradient of g is 0. Only
     there can curves g = 0 cross. The signs and sizes of these derivatives also give the
