@@ -823,9 +823,11 @@ def _table_accuracy(overview: Any) -> str:
         apart = f", which are {sample_distance} apart" if sample_distance else ""
         return f"the table has the extremes of the samples{apart}"
     exceptions = []
-    # The excess is how far a quantity may go beyond its extremes between samples. The dict
-    # leaves out quantities whose excess is too small to change a printed digit.
-    for key, excess in _largest_excesses(overview).items():
+    # The excess is how far a quantity may go beyond its extremes between samples.
+    excesses = _largest_excesses(overview)
+    for key, excess in excesses.items():
+        if not excess:
+            continue
         number = f"{float(bound_text(excess)):.12f}"
         number_without_zeros = number.rstrip("0").rstrip(".")
         # A text such as "angles by about {} deg".
@@ -842,7 +844,8 @@ def _table_accuracy(overview: Any) -> str:
     # samples have no result.
     modes = overview["modes"].values()
     close_everywhere = all(mode["closes_everywhere"] for mode in modes)
-    if exceptions and close_everywhere:
+    has_other_values = len(exceptions) < len(excesses)
+    if exceptions and has_other_values and close_everywhere:
         line += ", other values by less than the last digit shown"
     if not close_everywhere:
         line += ". For a mode that ends, the table covers the samples up to its end"
@@ -865,8 +868,9 @@ def _largest_excesses(overview: Any) -> dict[str, float]:
 
     Returns
     -------
-    The largest excess of each quantity, by its key in `TABLE_QUANTITIES`. Quantities are
-    left out if no excess would change a printed digit.
+    The largest excess of each quantity, by its key in `TABLE_QUANTITIES`. It is 0 if no
+    excess would change a printed digit. Quantities that the table does not have are left
+    out.
     """
     # The entry "ratio" of the overview is a unit: "rad/s" if the overview has speeds, "" if
     # it has velocity ratios.
@@ -881,8 +885,8 @@ def _largest_excesses(overview: Any) -> dict[str, float]:
                 if key == "ratio" and not mode["closes_everywhere"]:
                     continue
                 # A smaller excess would not change the printed number.
-                if excess > 0.5 * last_digit:
-                    largest[key] = max(largest.get(key, 0.0), excess)
+                visible_excess = excess if excess > 0.5 * last_digit else 0.0
+                largest[key] = max(largest.get(key, 0.0), visible_excess)
     # The text lists the quantities in the order of the table.
     return {key: largest[key] for key in TABLE_QUANTITIES if key in largest}
 

@@ -1,5 +1,6 @@
 """What `spherekit sweep` prints: the best designs by each figure of merit."""
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.mode_text import number_list
@@ -280,11 +281,7 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
 
     def cell(name: str, value: float) -> str:
         """Return a number of a column as text."""
-        if units.get(name) == "deg":
-            import math
-
-            return degrees_text(math.radians(value))
-        return number_text(value, error=ROUNDING * largest_by_column[name])
+        return _value_text(value, units.get(name), largest_by_column[name])
 
     rows = []
     for figure in figures:
@@ -345,6 +342,17 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
         f"{', '.join(figures)} in files and in conditions (--where). The column closes is "
         "the share of samples at which a mode exists.",
     ]
+
+
+def _value_text(value: float, unit: str | None, largest: float) -> str:
+    """Return a number of a sweep as text, without its unit.
+
+    `largest` is the largest magnitude of the numbers beside it. A number that is only a
+    rounding error of this magnitude is printed as 0.
+    """
+    if unit == "deg":
+        return degrees_text(math.radians(value))
+    return number_text(value, error=ROUNDING * largest)
 
 
 def _heading(text: str, unit: str | None) -> str:
@@ -410,9 +418,12 @@ def _values_of_designs(result: "SweepResult", designs: Any) -> str:
     units = sweep.units()
     texts = []
     for variable, variation in zip(sweep.variables, sweep.space.variations, strict=True):
-        values = listing(f"{value:g}" for value in designs[variable.name])
-        unit = units.get(variable.name) or ""
-        texts.append(f"{variation.key} = {values} {unit}".rstrip())
+        unit = units.get(variable.name)
+        largest = max(abs(variation.low), abs(variation.high))
+        values = listing(
+            _value_text(value, unit, largest) for value in designs[variable.name]
+        )
+        texts.append(f"{variation.key} = {values} {unit or ''}".rstrip())
     return f" ({', '.join(texts)})"
 
 
