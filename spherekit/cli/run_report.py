@@ -1010,7 +1010,7 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
         # With several inputs, singular configurations form curves or surfaces.
         description = "exact places of singularities, between samples too"
         if len(summary["inputs"]) > 1:
-            description = "all singular configurations in the ranges of the inputs"
+            description = "singular configurations over the ranges of the inputs"
         steps.append((f"{command} -a singularities", description))
     # These three analyses compute driving torques. "eksergian" uses Eksergian's equation of
     # motion, which is for one input. "dynamics" takes any number of inputs.
