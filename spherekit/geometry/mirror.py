@@ -109,8 +109,9 @@ def normal_at(phi: float, gamma: float) -> Floats:
     A mirror is a plane through the centre of the sphere. In some mechanisms, base and
     output are mirror images of each other. The mirror is then called the mid-plane of both.
     The angles are defined by the normal (-sin(phi / 2), sin(gamma / 2), n_z) with n_z >= 0
-    (Chen et al. 2021). The angles are between -pi and pi. ``|phi|`` is the arc from the point
-    (1, 0, 0) to its mirror image, and ``|gamma|`` is that from (0, 1, 0) to its image.
+    (Chen et al. 2021). The angles are between -pi and pi. ``|phi|`` is the arc from the
+    point (1, 0, 0) to its mirror image, and ``|gamma|`` is that from (0, 1, 0) to its
+    image.
 
     Raises
     ------
