@@ -93,8 +93,9 @@ def mechanisms() -> MechanismNames:
 def find(name_or_path: AnyPath) -> Path:
     """Return the path of a mechanism or study file, given as a path or shipped name.
 
-    A pack is a folder of files in an installed package. A plain name, without folder and
-    ending, is first searched in all packs, and then taken as a path.
+    A pack is the set of mechanism and study files that one installed package ships. A plain
+    name, without folder and ending, is first searched in all packs, and then taken as a
+    path.
 
     Raises
     ------
